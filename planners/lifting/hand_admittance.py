@@ -14,10 +14,10 @@ LEAST_PUSH = 3.0
 
 @dataclass(frozen=True)
 class HandAdmittance:
-    """x' = (w_planned - w_felt) / damping - leak x, by which a hand is off its planned pose.
+    """x' = (w_planned - w_felt) / damping - leak x, where x [m, rad] is how far a hand is off its planned pose.
 
-    Both forces are of the hand on the plate, about its TCP. The gripping hand turns likewise; a stick's tip exerts no
-    torque.
+    Both wrenches [N, Nm] are of the hand on the plate, about its TCP, and in the same axes as x, whichever these are.
+    The gripping hand turns likewise; a stick's tip exerts no torque.
     """
 
     damping: float = 1500.0
@@ -31,4 +31,4 @@ class HandAdmittance:
     largest_turning: float = 0.15
     """Of the gripping hand's orientation by feedback [rad]."""
     fading: float = 0.2
-    """In which a hand that has let go takes back its correction [s]."""
+    """Time constant with which a hand that has let go takes back its correction [s]."""

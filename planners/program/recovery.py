@@ -69,6 +69,7 @@ def way_back(schedule: Schedule, reached: Mapping[ArmName, float]) -> Schedule |
             squeeze=None,
             vacuum=None,
             wrenches=_wrenches_on_path(schedule, arm, time, target + length * falling),
+            free=False,
         )
     number = free[-1].number
     words = f"back to the begin of step {number}"
@@ -156,4 +157,5 @@ def _wrenches_on_path(schedule: Schedule, arm: ArmName, time: Array, clock: Arra
         rows, step, curve = index == each, schedule.steps[max(each, 0)], curves[max(each, 0)]
         assert curve is not None
         values[rows] = curve.at(np.clip(clock[rows] - step.begin, 0.0, step.duration)).values
-    return WrenchCurve(time, values)
+    # A hand that is on the plate for a part of the way gives way to what it touches for the rest.
+    return WrenchCurve(time, values if np.isnan(values).all() else np.nan_to_num(values))

@@ -25,7 +25,7 @@ FORCE_ALLOWANCE = 20.0
 
 @dataclass(frozen=True)
 class Load:
-    """What hangs on a flange: the hand and whatever is attached to it."""
+    """What hangs on a flange: the hand and whatever is attached to it, but for the plate of a lift."""
 
     mass: float
     """[kg]"""
@@ -47,6 +47,11 @@ class WrenchCurve:
     def bears(self) -> bool:
         """Whether the hand is at the plate all the time."""
         return not np.isnan(self.values).any()
+
+    @property
+    def comes(self) -> bool:
+        """Whether the hand only comes to the plate, or goes from it."""
+        return self.bears and not self.values.any()
 
     def at(self, time: Array) -> WrenchCurve:
         """Return the curve at other times (m,) of the step."""
@@ -75,6 +80,8 @@ class ArmStep:
     """Of the force at the wrist, beyond which the program stops [N]."""
     wrenches: WrenchCurve | None = None
     """What the hand exerts on the plate of a lift during the step; None: there is no plate."""
+    free: bool = False
+    """Whether it is known that the hand touches nothing as the step begins."""
 
     @property
     def moves(self) -> bool:
@@ -126,7 +133,7 @@ class Schedule:
     def of(cls, plan: Plan) -> Schedule:
         """Return the steps of a plan: one for each segment, and the lift of a plate whose simulation came to it."""
         lift = plan.simulation if isinstance(plan.simulation, LiftSimulation) else None
-        if lift is not None and (lift.lift is None or lift.lift.law is None):
+        if lift is not None and (lift.lift is None or lift.lift.law is None or lift.lift.hand_wrenches is None):
             lift = None
         return cls(plan, tuple(_StepReader(plan).steps()), lift)
 
@@ -181,13 +188,16 @@ class _StepReader:
     def _wrench_curve(self, arm: ArmName, index: int, segment: Segment) -> WrenchCurve | None:
         if arm not in self._wrenches:
             return None
-        rows = self._rows(arm, index)
-        takes = index + 1 < len(self.plan.segments) and not np.isnan(self._rows(arm, index + 1)).any()
-        gives_up = segment.kind is SegmentKind.RELEASE and index > 0 and not np.isnan(self._rows(arm, index - 1)).any()
-        if (takes or gives_up) and np.isnan(rows).any():
+        rows, away = self._rows(arm, index), self._is_away(arm, index)
+        takes = index + 1 < len(self.plan.segments) and not self._is_away(arm, index + 1)
+        gives_up = segment.kind is SegmentKind.RELEASE and index > 0 and not self._is_away(arm, index - 1)
+        if takes or gives_up or not away:
             # While a hand takes hold, or gives it up, it gives way to all that it touches.
-            rows = np.zeros_like(rows)
+            rows = np.nan_to_num(rows)
         return WrenchCurve(segment.time - segment.time[0], rows)
+
+    def _is_away(self, arm: ArmName, index: int) -> bool:
+        return bool(np.isnan(self._rows(arm, index)).all())
 
     def _rows(self, arm: ArmName, index: int) -> Array:
         return self._wrenches[arm][self._first[index] : self._first[index + 1]]
@@ -224,6 +234,7 @@ class _StepReader:
             vacuum=self._vacuum(arm, index),
             force_limit=self._force_limit(arm),
             wrenches=self._wrench_curve(arm, index, segment),
+            free=arm in self._wrenches and all(self._is_away(arm, each) for each in {max(index - 1, 0), index}),
         )
 
     def _squeeze(self, arm: ArmName, index: int) -> float | None:
@@ -247,11 +258,14 @@ class _StepReader:
         return None if tool is None else kind is SegmentKind.ATTACH
 
     def _load(self, arm: ArmName, segment: Segment) -> Load:
-        """Return hand and attachments as one mass; what two hands have is half on each."""
+        """Return hand and attachments as one mass; what two hands have is half on each.
+
+        A plate is none of it: what a hand has of it is a wrench that it feels, see `WrenchCurve`.
+        """
         hand = self.plan.cell.hands[arm]
         mass = hand.mass or 0.0
         moment = mass * np.asarray(hand.com if hand.com is not None else np.zeros(3))
-        for body, T_flange_body in carried_by(arm, segment):
+        for body, T_flange_body in () if self._wrenches else carried_by(arm, segment):
             described = self.plan.bodies[body]
             share = 1.0 / max(1, sum(each.to in ARMS for each in segment.attached[body]))
             carried = share * (described.mass or 0.0)

@@ -25,6 +25,14 @@ from planners.program.schedule import ArmStep, ProgramStep, Schedule, WrenchCurv
 
 JOINT_TOLERANCE = 0.01
 """How far each joint may be from where the plan begins [rad]."""
+SENSOR_DRIFT = (3.0, 0.2)
+"""What a sensor may tell of force and torque since it was zeroed, while its hand touches nothing [N, Nm]."""
+LONGEST_BOUND = 0.5
+"""A program ends when a hand gives way as far as it may for longer [s]."""
+TAKEN_OVER = 1.1
+"""A program begins with a hand on the plate that is off the plan by at most so many times what it may give way [1]."""
+APART_IN_LIFT = 0.01
+"""Between the heights of both hands in the lift, beyond which both stop [m]."""
 BEARING_TOLERANCE = 0.2
 """Likewise where a program begins with a hand on the plate, which is off the plan by what it gives way [rad]."""
 SETTLING = 1.5
@@ -188,6 +196,9 @@ class _Writer:
             yield "def site_vacuum(on):"
             yield "  set_standard_digital_out(0, on)"
             yield "end"
+        if self._is_lift:
+            yield "# An e-Series tells the torque at its wrist about the flange, a CB3 about the TCP: False there."
+            yield "global SITE_TORQUE_AT_FLANGE = True"
         if self.handshake is Handshake.DIGITAL:
             yield "# Barriers: standard digital output 1 of each controller is wired to digital input 1 of the other."
             yield "global SITE_OUT = 1"
@@ -208,6 +219,8 @@ class _Writer:
         yield f"  write_output_integer_register({r.state}, state)"
         yield "end"
         yield "def lw_end(state, words):"
+        if self._is_lift and by_registers:
+            yield f"  write_output_float_register({r.lift_speed}, 0)"
         yield f"  stopj({_number(STOP_ACCELERATION)})"
         yield "  lw_tell(state)"
         yield '  popup(words, title="Liftwright", error=True, blocking=False)'
@@ -247,7 +260,7 @@ class _Writer:
         if self._is_lift:
             yield from self._admittance()
         goal = "lw_on_plate(goal, w, s)" if self._is_lift else "goal"
-        yield from _HERMITE
+        yield "# Moves to (q, v) in a time on the plan's clock, along the cubic that the plan means."
         yield f"def lw_to(duration, q, v{', w' if self._is_lift else ''}):"
         yield from _HERMITE_LOOP
         yield f"    write_output_float_register({r.path_time}, lw_path + lw_rest)"
@@ -265,6 +278,8 @@ class _Writer:
         goal = "lw_on_plate(lw_q, lw_w, 1)" if self._is_lift else "lw_q"
         yield f"  servoj({goal}, 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
         yield f"  stopj({_number(STOP_ACCELERATION)})"
+        if self._is_lift:
+            yield "  lw_take_over(lw_bears, lw_comes)"
         yield "end"
         yield "# Waits on the spot for as long as the other arm moves."
         yield "def lw_stay(duration):"
@@ -299,6 +314,8 @@ class _Writer:
         yield "# planned wrench, and presses on below it. lw_w [N, Nm]: that of the hand on the plate, about the TCP."
         yield "# One that has let go is off it by lw_away [rad], which it takes back."
         yield "global lw_bears = False"
+        yield "global lw_comes = False"
+        yield "global lw_bound = 0"
         for name in ("lw_w", "lw_trim", "lw_away", "lw_rate"):
             yield f"global {name} = {_list(np.zeros(6))}"
         yield f"global lw_yield = {_list(np.repeat([1.0 / told.damping, turning], 3))}"
@@ -315,8 +332,29 @@ class _Writer:
         yield "  end"
         yield "  return next"
         yield "end"
-        yield "def lw_on_plate(goal, w, s):"
+        yield "# The wrench on the tool about the TCP; while a hand comes, nothing below what sensors drift."
+        yield f"global lw_drift = {_list(np.repeat(SENSOR_DRIFT, 3))}"
+        yield "def lw_felt_at_tcp(here, goal):"
         yield "  local felt = get_tcp_force()"
+        yield "  if SITE_TORQUE_AT_FLANGE:"
+        yield "    local flange = get_forward_kin(goal, p[0, 0, 0, 0, 0, 0])"
+        yield "    local x = here[0] - flange[0]"
+        yield "    local y = here[1] - flange[1]"
+        yield "    local z = here[2] - flange[2]"
+        yield "    felt[3] = felt[3] - (y * felt[2] - z * felt[1])"
+        yield "    felt[4] = felt[4] - (z * felt[0] - x * felt[2])"
+        yield "    felt[5] = felt[5] - (x * felt[1] - y * felt[0])"
+        yield "  end"
+        yield "  local i = 0"
+        yield "  while lw_comes and i < 6:"
+        yield "    if felt[i] < lw_drift[i] and felt[i] > -lw_drift[i]:"
+        yield "      felt[i] = 0"
+        yield "    end"
+        yield "    i = i + 1"
+        yield "  end"
+        yield "  return felt"
+        yield "end"
+        yield "def lw_on_plate(goal, w, s):"
         yield "  local rate = lw_rate"
         yield "  local i = 0"
         yield "  if not lw_bears:"
@@ -331,6 +369,8 @@ class _Writer:
         yield "    global lw_away = away"
         yield "    return goal"
         yield "  end"
+        yield "  local here = get_forward_kin(goal)"
+        yield "  local felt = lw_felt_at_tcp(here, goal)"
         yield "  local trim = lw_trim"
         yield "  while i < 6:"
         yield "    local missing = (1 - s) * lw_w[i] + s * w[i] + felt[i]"
@@ -338,33 +378,56 @@ class _Writer:
         yield "    trim[i] = trim[i] + get_steptime() * rate[i]"
         yield "    i = i + 1"
         yield "  end"
+        yield "  local bound = False"
         for name, first, most in (("far", 0, told.largest_correction), ("turned", 3, told.largest_turning)):
             yield f"  local {name} = norm([trim[{first}], trim[{first + 1}], trim[{first + 2}]])"
             yield f"  if {name} > {_number(most)}:"
+            yield "    bound = True"
             for i in range(first, first + 3):
                 yield f"    trim[{i}] = trim[{i}] * {_number(most)} / {name}"
             yield "  end"
+        yield "  global lw_bound = lw_bound + get_steptime()"
+        yield "  if not bound:"
+        yield "    global lw_bound = 0"
+        yield "  end"
+        yield f"  if lw_bound > {_number(LONGEST_BOUND)}:"
+        yield f'    lw_end({ProgramState.OVERLOAD}, "a hand on the plate gives way as far as it may")'
+        yield "  end"
         yield "  global lw_rate = rate"
         yield "  global lw_trim = trim"
         yield "  local moved = p[trim[0], trim[1], trim[2], trim[3], trim[4], trim[5]]"
-        yield "  return get_inverse_kin(pose_add(moved, get_forward_kin(goal)), goal)"
+        yield "  return get_inverse_kin(pose_add(moved, here), goal)"
         yield "end"
         yield "# Takes the hand to be off the plan by as much as it is: a step begins where the one before ended."
-        yield "def lw_take_over(bears):"
-        yield "  local here = get_target_tcp_pose()"
+        yield "def lw_take_over(bears, comes):"
+        yield "  local away = get_target_joint_positions()"
+        yield "  local here = get_forward_kin(away)"
         yield "  local planned = get_forward_kin(lw_q)"
         yield "  local turn = pose_trans(here, pose_inv(planned))"
         yield "  local off = [here[0] - planned[0], here[1] - planned[1], here[2] - planned[2]]"
-        yield "  local away = get_target_joint_positions()"
         yield "  local i = 0"
         yield "  while i < 6:"
         yield "    away[i] = away[i] - lw_q[i]"
         yield "    i = i + 1"
         yield "  end"
+        farthest, most_turned = (_number(TAKEN_OVER * most) for most in (told.largest_correction, told.largest_turning))
+        yield f"  if bears and (norm(off) > {farthest} or norm([turn[3], turn[4], turn[5]]) > {most_turned}):"
+        yield f'    lw_end({ProgramState.WRONG_START}, "a hand on the plate is not where the plan has it")'
+        yield "  end"
         yield "  global lw_away = away"
         yield f"  global lw_rate = {_list(np.zeros(6))}"
         yield "  global lw_trim = [off[0], off[1], off[2], turn[3], turn[4], turn[5]]"
         yield "  global lw_bears = bears"
+        yield "  global lw_comes = comes"
+        yield "  global lw_bound = 0"
+        yield "end"
+        yield "# Holds still for a control cycle: a hand on the plate goes on exerting what it did last."
+        yield "def lw_hold():"
+        yield "  if lw_bears:"
+        yield f"    servoj(lw_on_plate(lw_q, lw_w, 1), 0, 0, get_steptime(), {_number(LOOKAHEAD)}, {GAIN})"
+        yield "  else:"
+        yield "    sync()"
+        yield "  end"
         yield "end"
 
     def _barrier(self) -> Iterator[str]:
@@ -380,7 +443,7 @@ class _Writer:
             )
             yield "    lw_guard()"
             yield "    lw_pace()"
-            yield "    sync()"
+            yield f"    {'lw_hold' if self._is_lift else 'sync'}()"
             yield "  end"
         else:
             yield "  local odd = number % 2 == 1"
@@ -388,10 +451,14 @@ class _Writer:
             yield f"  lw_tell({ProgramState.WAITING})"
             yield "  while get_standard_digital_in(SITE_IN) != odd:"
             yield "    lw_guard()"
-            yield "    sync()"
+            yield f"    {'lw_hold' if self._is_lift else 'sync'}()"
             yield "  end"
             yield "  # Long enough for the other controller to have seen it before it changes again."
             yield "  sleep(0.05)"
+        if self._is_lift:
+            yield "  if lw_bears:"
+            yield f"    stopj({_number(STOP_ACCELERATION)})"
+            yield "  end"
         yield f"  write_output_integer_register({r.step}, number)"
         yield f"  lw_tell({ProgramState.RUNNING})"
         yield "  global lw_rest = 0"
@@ -401,6 +468,9 @@ class _Writer:
     def _main(self) -> Iterator[str]:
         yield "# ---- the plan ----"
         if self.handshake is Handshake.REGISTERS:
+            if self._is_lift:
+                for register in (self.registers.force, self.registers.lift_speed, self.registers.lift_height):
+                    yield f"write_output_float_register({register}, 0)"
             yield "# Nobody supervises any more: stop."
             watched = f"input_int_register_{self.registers.heartbeat}"
             yield f'rtde_set_watchdog("{watched}", {_number(HEARTBEAT_RATE)}, "stop")'
@@ -437,7 +507,7 @@ class _Writer:
         if mine.width is not None:
             yield f"site_fingers({_number(mine.width)}, {_number(mine.squeeze or self._least_squeeze)})"
         if mine.wrenches is not None:
-            yield from self._on_plate(mine, mine.wrenches, before)
+            yield from self._on_plate(mine, mine.wrenches)
             return
         if not mine.moves:
             yield f"lw_stay({_number(step.duration)})"
@@ -446,14 +516,14 @@ class _Writer:
             yield f"lw_to({_number(duration)}, {_list(q)}, {_list(v)})"
         yield "lw_settle()"
 
-    def _on_plate(self, mine: ArmStep, wrenches: WrenchCurve, before: ArmStep | None) -> Iterator[str]:
+    def _on_plate(self, mine: ArmStep, wrenches: WrenchCurve) -> Iterator[str]:
         """Yield a step of a lift: the motion, with the wrench that the hand exerts on the plate meanwhile."""
         if wrenches.bears:
             yield f"global lw_w = {_list(wrenches.values[0])}"
-        elif before is None or (before.wrenches is not None and not before.wrenches.bears):
+        if mine.free:
             yield "# The hand touches nothing: what is felt now is the sensor's own."
             yield "zero_ftsensor()"
-        yield f"lw_take_over({wrenches.bears})"
+        yield f"lw_take_over({wrenches.bears}, {wrenches.comes})"
         time, positions, velocities = mine.time, mine.positions, mine.velocities
         if not mine.moves:
             time = wrenches.time if wrenches.bears else wrenches.time[[0, -1]]
@@ -467,7 +537,7 @@ class _Writer:
     def _take_on(self, wrench: Array) -> Iterator[str]:
         """Yield how a hand takes on the wrench (6,) with which the lift begins, world axes."""
         told = in_base(wrench[None], self.schedule.plan.cell.arms[self.arm].T_world_base)[0]
-        yield "lw_take_over(True)"
+        yield "lw_take_over(True, False)"
         for _ in range(2):
             yield f"lw_to({_number(0.5 * SETTLING)}, lw_q, {_list(np.zeros(6))}, {_list(told)})"
         yield "lw_settle()"
@@ -477,6 +547,7 @@ class _Writer:
         simulation = self.schedule.lift
         if simulation is None or simulation.lift is None or simulation.lift.law is None:
             return
+        assert simulation.lift.hand_wrenches is not None, "without them there is no lift in a schedule"
         if self.handshake is not Handshake.REGISTERS:
             yield "# The lift needs the other hand's force, which digital wires do not carry: registers do."
             return
@@ -487,20 +558,18 @@ class _Writer:
         yield f"# step {number}: follow the lifter by force (paper B, eq. 11), {height:.3f} m up at most;"
         yield f"# confirming step {number + 1} ends it."
         yield f"lw_begin({number})"
-        if simulation.lift.hand_wrenches is not None:
-            yield from self._take_on(simulation.lift.hand_wrenches[self.arm])
+        yield from self._take_on(simulation.lift.hand_wrenches[self.arm])
         yield f"lw_up = {_list(T_world_base[2, :3])}"
         yield "lw_speed = 0"
         yield "lw_risen = 0"
-        yield "# Each hand's force is known to the other before either rises."
-        yield "lw_count = 0"
-        yield "while lw_count < 20:"
+        yield "# Neither rises before both have taken on their forces, and know each other's."
+        yield f"write_output_integer_register({r.barrier}, {number + 1})"
+        yield f"while read_input_integer_register({r.other_barrier}) < {number + 1}:"
         yield from _indented(self._feel())
-        yield f"  write_output_float_register({r.lift_speed}, 0)"
-        yield f"  write_output_float_register({r.lift_height}, 0)"
-        yield "  lw_count = lw_count + 1"
-        yield "  sync()"
+        yield "  lw_hold()"
         yield "end"
+        yield f"stopj({_number(STOP_ACCELERATION)})"
+        yield "lw_begun = get_target_tcp_pose()"
         going_on = f"read_input_integer_register({r.confirmed}) < {number + 1}"
         if self.arm == LEADER:
             yield "lw_lifter = 0"
@@ -514,6 +583,8 @@ class _Writer:
             yield f"while lw_risen < {_number(height - LIFT_TOLERANCE)} and {going_on}:"
             yield from _indented(self._follow())
         yield "end"
+        yield f"write_output_float_register({r.lift_speed}, 0)"
+        yield f"write_output_float_register({r.lift_height}, lw_risen)"
         yield f"stopl({_number(LIFT_ACCELERATION)})"
 
     def _feel(self) -> Iterator[str]:
@@ -535,13 +606,21 @@ class _Writer:
         yield f"lw_speed = read_input_float_register({r.other_lift_speed}) + {_number(CATCHING_UP)} * ({behind})"
         yield "if lw_speed < 0:"
         yield "  lw_speed = 0"
+        yield f"elif lw_speed > {_number(FASTEST_LIFT)}:"
+        yield f"  lw_speed = {_number(FASTEST_LIFT)}"
+        yield "end"
+        yield f"if norm({behind}) > {_number(APART_IN_LIFT)}:"
+        yield f'  lw_end({ProgramState.OVERLOAD}, "the hands do not rise alike")'
         yield "end"
         yield from self._rise("get_steptime()")
 
     def _rise(self, period: str) -> Iterator[str]:
         yield "lw_xd = [lw_up[0] * lw_speed, lw_up[1] * lw_speed, lw_up[2] * lw_speed, 0, 0, 0]"
         yield f"speedl(lw_xd, {_number(LIFT_ACCELERATION)}, {period})"
-        yield f"lw_risen = lw_risen + lw_speed * {period}"
+        yield "lw_here = get_target_tcp_pose()"
+        way = " + ".join(f"(lw_here[{i}] - lw_begun[{i}]) * lw_up[{i}]" for i in range(3))
+        yield f"lw_risen = {way}"
+        yield f"write_output_float_register({self.registers.lift_height}, lw_risen)"
 
     def _law(self, gains: FollowerGains, goal_force: float) -> Iterator[str]:
         """Yield one period of `LeaderFollower.follow`."""
@@ -571,11 +650,9 @@ class _Writer:
         yield "lw_lifter = lw_estimate"
         yield "lw_speed = lw_next"
         yield f"write_output_float_register({r.lift_speed}, lw_speed)"
-        yield f"write_output_float_register({r.lift_height}, lw_risen)"
         yield from self._rise(period)
 
 
-_HERMITE = ("# Moves to (q, v) in a time on the plan's clock, along the cubic that the plan means.",)
 _HERMITE_LOOP = (
     "  while lw_rest < duration:",
     "    lw_guard()",

@@ -156,6 +156,29 @@ def test_fingers_are_told_forces_of_their_range_where_they_open_too(plans: dict[
     assert all_told
 
 
+def test_the_plate_of_a_lift_is_no_payload(plans: dict[str, Plan]) -> None:
+    """Controllers take the weight of the payload off what they feel; that of a plate is what hands are told to bear."""
+    plan = plans["ab1"]
+    for step in Schedule.of(plan).steps:
+        for arm in ARMS:
+            assert step.arms[arm].load.mass == plan.cell.hands[arm].mass
+
+
+def test_a_hand_gives_way_to_all_that_it_touches_while_it_comes_and_is_zeroed_where_it_touches_nothing(
+    plans: dict[str, Plan],
+) -> None:
+    plan = plans["ab1"]
+    steps = Schedule.of(plan).steps
+    for arm in ARMS:
+        touches = [any(getattr(each, "by", "") == arm for each in part.contacts) for part in plan.segments]
+        for i, step in enumerate(steps):
+            curve = step.arms[arm].wrenches
+            assert curve is not None
+            comes = not touches[i] and i + 1 < len(steps) and touches[i + 1]
+            assert (curve.bears, curve.comes) == (touches[i] or comes, comes)
+            assert step.arms[arm].free == (not touches[i] and not touches[max(i - 1, 0)])
+
+
 def test_hands_on_a_plate_are_told_the_sum_of_their_planned_contacts(plans: dict[str, Plan]) -> None:
     """At samples with contacts, in the base's axes, unless the next segment's begin to be taken on, or a stick presses
     with its least."""

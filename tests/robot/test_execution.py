@@ -434,6 +434,9 @@ def test_shipped_tasks_that_have_a_plan_are_executed_to_their_end(shelf: PlanShe
             assert np.percentile(apart(recordings, step.number), 99) < 0.008
         if isinstance(physics, PhysicalLift):
             assert_on_plate_as_planned(schedule, recordings)
+            assert physics.untracked
+            for off in physics.untracked.values():
+                assert np.median(off) < 2.0
             assert physics.samples[-1].followed > 0.0
         else:
             assert_as_planned(schedule, recordings)

@@ -13,7 +13,7 @@ from planners.geometry.pose import Array, rotation_angle
 from planners.kinematics.forward import flange_pose
 from planners.lifting.hand_admittance import HandAdmittance
 from planners.program.schedule import ArmStep, Schedule
-from planners.program.urscript import ProgramState
+from planners.program.urscript import APART_IN_LIFT, BEARING_TOLERANCE, ProgramState
 from workers.robot.arm_link import NORMAL_MODES, ArmState
 
 
@@ -26,7 +26,7 @@ class StopReason(StrEnum):
     WRONG_START = "an arm is not where the plan begins"
     OVERLOAD = "more force at a wrist than the plan allows"
     DEVIATION = "an arm is not where the plan has it"
-    APART = "the arms are not at the same time of the plan"
+    APART = "the arms are not at the same time of the plan, or do not rise alike"
     LATE = "this computer looks at the arms too late"
     ASKED = "somebody asked to stop"
 
@@ -46,6 +46,8 @@ class SupervisionSettings:
     """Of a hand's TCP from the plan of a lift, in which it gives way to what it feels [m]."""
     bearing_angle: float = HandAdmittance.largest_turning + 0.03
     """Likewise [rad]."""
+    letting_go: float = 1.0
+    """How long after it let go a hand may still be off so far, on the plan's clock [s]."""
     apart: float = 0.1
     """Between the times of the plan at which both arms are [s]."""
     pull: float = 8.0
@@ -80,6 +82,10 @@ class ArmSupervisor:
                 return Stop(reason, arm)
         if abs(self.lead(states)) > self.settings.apart:
             return Stop(StopReason.APART, None)
+        left, right = states["left"], states["right"]
+        if left.step == right.step > self.schedule.last and left.state == right.state == ProgramState.RUNNING:
+            if abs(left.lift_height - right.lift_height) > APART_IN_LIFT:
+                return Stop(StopReason.APART, None)
         return None
 
     def lead(self, states: Mapping[ArmName, ArmState]) -> float:
@@ -112,15 +118,19 @@ class ArmSupervisor:
         if float(np.linalg.norm(state.force)) > step.arms[arm].force_limit:
             return StopReason.OVERLOAD
         expected = self.expected(arm, state)
-        if expected is not None and self._deviates(arm, step.arms[arm], expected, state.positions):
+        if expected is not None and self._deviates(arm, step.arms[arm], expected, state):
             return StopReason.DEVIATION
         return None
 
-    def _deviates(self, arm: ArmName, step: ArmStep, expected: Array, positions: Array) -> bool:
-        """Tell whether joints (6,) are too far from those that the plan has [rad]."""
-        if float(np.abs(expected - positions).max()) <= self.settings.deviation:
+    def _deviates(self, arm: ArmName, step: ArmStep, expected: Array, state: ArmState) -> bool:
+        """Tell whether joints are too far from those (6,) that the plan has [rad]."""
+        positions = state.positions
+        most = float(np.abs(expected - positions).max())
+        if most <= self.settings.deviation:
             return False
-        if step.wrenches is None:
+        lets_go = not step.free and state.path_time < self.settings.letting_go
+        holds = step.wrenches is not None and (step.wrenches.bears or lets_go)
+        if not holds or most > BEARING_TOLERANCE:
             return True
         described = self.schedule.plan.cell.arms[arm]
         T_planned, T_told = (

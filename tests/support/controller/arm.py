@@ -77,7 +77,7 @@ class Arm:
 
     @property
     def felt(self) -> Vector:
-        """What the wrist's sensor tells: force and torque on the tool, base axes [N, Nm]."""
+        """What the wrist's sensor tells: force, and torque about the flange, on the tool, base axes [N, Nm]."""
         return self.wrench - self._tare
 
     def tare(self) -> None:
@@ -109,13 +109,13 @@ class Arm:
                 return f"joint {joint}: {what} limit"
         return None
 
-    def tcp_pose(self, q: Vector | None = None) -> NDArray[np.float64]:
+    def tcp_pose(self, q: Vector | None = None, tcp: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """Return `T_base_tcp` (4×4): each joint turns about z, then its row of the table follows."""
         T = np.eye(4)
         for angle, (a, alpha, d, theta0) in zip(self.q if q is None else q, self._dh, strict=True):
             c, s, ca, sa = np.cos(angle + theta0), np.sin(angle + theta0), np.cos(alpha), np.sin(alpha)
             T = T @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]])
-        return T @ self.tcp
+        return T @ (self.tcp if tcp is None else tcp)
 
     def joint_speeds(self, twist: Vector, q: Vector | None = None) -> Vector:
         """Return the joint speeds of a TCP's speed [m/s, rad/s] in the base frame, by differences and least squares."""

@@ -261,8 +261,8 @@ class Intrinsics:
         T[:3, :3], T[:3, 3] = T[:3, :3] @ added[:3, :3], T[:3, 3] + added[:3, 3]
         return pose_of(T)
 
-    def get_forward_kin(self, q: object) -> Pose:
-        return pose_of(self._arm.tcp_pose(_joints(q)))
+    def get_forward_kin(self, q: object, tcp: Pose | None = None) -> Pose:
+        return pose_of(self._arm.tcp_pose(_joints(q), None if tcp is None else matrix_of(tcp)))
 
     def get_inverse_kin(self, x: Pose, qnear: object) -> tuple[float, ...]:
         found = self._arm.joints_at(matrix_of(x), _joints(qnear))

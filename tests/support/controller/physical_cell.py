@@ -38,6 +38,8 @@ from .lock_step import Told
 _TOLD = Registers()
 TAKING_ON = 1.2
 """How long the lifter waits for hands to take on the forces of the lift, over the time that they are told to take."""
+_COMPARED = 10
+"""Control cycles between two moments at which forces are compared with the plan's."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,13 @@ class PhysicalLift:
         bias = np.repeat([sensor.force_bias, sensor.torque_bias], 3)
         self._offsets = {hand.arm.name: rng.normal(scale=bias) for hand in self.execution.hands}
         self.samples: list[LiftSample] = []
+        self.untracked: dict[tuple[ArmName, int], list[float]] = {}
+        """By arm and step: forces on the plate less those that are planned, in norm, at some moments [N]."""
         self.gave_way: str | None = None
         """What did, once it has."""
         self._forces: LiftForces | None = None
         """Of the lift, once both programs have begun it."""
+        self._cycles = 0
         self.begun, self._height = 0.0, math.nan
         """When the lifter begins to rise, on the clock [s]."""
 
@@ -102,7 +107,8 @@ class PhysicalLift:
         """Let a control cycle pass, given the time and what controllers tell; returns what both wrists feel."""
         if self.gave_way is None and set(told) == set(ARMS):
             self._pass(now, told)
-        return {hand.arm.name: {"wrench": self._felt(hand)} for hand in self.execution.hands}
+        hands = [hand for hand in self.execution.hands if hand.arm.name in told]
+        return {hand.arm.name: {"wrench": self._felt(hand, told[hand.arm.name])} for hand in hands}
 
     def _pass(self, now: float, told: Told) -> None:
         execution, schedule = self.execution, self.schedule
@@ -137,12 +143,27 @@ class PhysicalLift:
             if elapsed > self._lets_go:
                 wrench, lifter.pull = np.zeros(6), 0.0
         self._let_touch(moment, plate)
+        self._cycles += 1
+        if self._cycles % _COMPARED == 0:
+            self._compare(told)
         failure = execution._step(positions, velocities, wrench, moment)
         self.gave_way = None if failure is None else failure.cause
         if not math.isnan(self._height):
             force = sum(float(hand.force[2]) for hand in execution.hands)
             followed = float(lifter.place(self.world.plate.motion)[2]) - self._height
             self.samples.append(LiftSample(elapsed, self._winch.at(elapsed)[0], followed, lifter.pull, force))
+
+    def _compare(self, told: Told) -> None:
+        """Keep how far the hands' forces are from those that the plan has where the programs are."""
+        for hand in self.execution.hands:
+            arm, number = hand.arm.name, told[hand.arm.name]["output_int"][_TOLD.step]
+            step = self.schedule.step(number)
+            curve = None if step is None else step.arms[arm].wrenches
+            if step is None or curve is None or not curve.bears or curve.comes:
+                continue
+            path_time = min(told[arm]["output_float"][_TOLD.path_time], step.duration)
+            planned = hand.arm.T_world_base[:3, :3] @ curve.at(np.array([path_time])).values[0, :3]
+            self.untracked.setdefault((arm, number), []).append(float(np.linalg.norm(hand.force - planned)))
 
     def _let_touch(self, moment: PlannedMoment, plate: Motion) -> None:
         """Have a stick that comes touch the face when it meets it: the simulation has it do so once it has come."""
@@ -153,11 +174,16 @@ class PhysicalLift:
                 T_world_hand, _ = self.world.hand(hand.arm.name, hand.T_flange_hand)
                 hand.update(moment._replace(segment=ahead), T_world_hand, plate)
 
-    def _felt(self, hand: SimulatedHand) -> list[float]:
-        """Return what a wrist feels: the plate's wrench on the hand about its TCP, base axes, with offset and noise."""
-        exerted = hand.touch.wrench(self.world.plate.motion[:3])
-        felt = -in_base(exerted[None], hand.arm.T_world_base)[0]
-        return (felt + self._offsets[hand.arm.name] + self._noise * self._rng.standard_normal(6)).tolist()
+    def _felt(self, hand: SimulatedHand, told: Any) -> list[float]:
+        """Return what a wrist feels about its flange, base axes, beyond the payload that its controller was told."""
+        name, T_world_base = hand.arm.name, hand.arm.T_world_base
+        wrench = -hand.touch.wrench(self.world.plate.motion[:3])
+        (T_world_hand, _), (T_world_flange, _) = (self.world.hand(name, T) for T in (hand.T_flange_hand, np.eye(4)))
+        wrench[3:] += np.cross(T_world_hand[:3, 3] - T_world_flange[:3, 3], wrench[:3])
+        carried = told["payload"] - (self.schedule.plan.cell.hands[name].mass or 0.0)
+        wrench[:3] -= carried * np.asarray(self._scene.cell.gravity)
+        felt = in_base(wrench[None], T_world_base)[0]
+        return (felt + self._offsets[name] + self._noise * self._rng.standard_normal(6)).tolist()
 
 
 class PhysicalPile:
