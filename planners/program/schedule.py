@@ -196,6 +196,12 @@ class _StepReader:
             rows = np.nan_to_num(rows)
         return WrenchCurve(segment.time - segment.time[0], rows)
 
+    def _is_free(self, arm: ArmName, index: int) -> bool:
+        if arm not in self._wrenches or not self._is_away(arm, index):
+            return False
+        before = None if index == 0 else self._wrench_curve(arm, index - 1, self.plan.segments[index - 1])
+        return before is None or not before.bears
+
     def _is_away(self, arm: ArmName, index: int) -> bool:
         return bool(np.isnan(self._rows(arm, index)).all())
 
@@ -234,7 +240,7 @@ class _StepReader:
             vacuum=self._vacuum(arm, index),
             force_limit=self._force_limit(arm),
             wrenches=self._wrench_curve(arm, index, segment),
-            free=arm in self._wrenches and all(self._is_away(arm, each) for each in {max(index - 1, 0), index}),
+            free=self._is_free(arm, index),
         )
 
     def _squeeze(self, arm: ArmName, index: int) -> float | None:

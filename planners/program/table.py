@@ -46,7 +46,7 @@ COLUMNS = """# The columns
 |---|---|
 | `step`, `kind`, `begin`, `end` | number, what is done, when [s] |
 | `words` | the same for a person |
-| `left_mass`, `right_mass` | payload of each arm, its hand included [kg] |
+| `left_mass`, `right_mass` | payload of each arm, its hand included, the plate of a lift not [kg] |
 | `left_com_x` … `right_com_z` | its centre of mass in the flange's frame [m] |
 | `left_squeeze`, `right_squeeze` | with which fingers close as the step begins [N]; empty: they do not |
 | `left_vacuum`, `right_vacuum` | `on` or `off` as the step begins; empty: as before |

@@ -27,14 +27,17 @@ JOINT_TOLERANCE = 0.01
 """How far each joint may be from where the plan begins [rad]."""
 SENSOR_DRIFT = (3.0, 0.2)
 """What a sensor may tell of force and torque since it was zeroed, while its hand touches nothing [N, Nm]."""
+SMOOTHING = 0.012
+"""Time constant of what is felt: at a lever of 0.2 m a sensor's noise is one of the torque, too [s]."""
 LONGEST_BOUND = 0.5
 """A program ends when a hand gives way as far as it may for longer [s]."""
 TAKEN_OVER = 1.1
 """A program begins with a hand on the plate that is off the plan by at most so many times what it may give way [1]."""
 APART_IN_LIFT = 0.01
 """Between the heights of both hands in the lift, beyond which both stop [m]."""
-BEARING_TOLERANCE = 0.2
-"""Likewise where a program begins with a hand on the plate, which is off the plan by what it gives way [rad]."""
+BEARING_TOLERANCE = 0.4
+"""Likewise of an arm whose hand is on the plate: near a wrist's singularity joints are off the plan by far more than the
+TCP, of which it is asked besides [rad]."""
 SETTLING = 1.5
 """How long hands take on the forces with which a lift begins, in the first half linearly [s]."""
 GIVING_ACCELERATION, TURNING_ACCELERATION = 2.0, 15.0
@@ -196,7 +199,7 @@ class _Writer:
             yield "def site_vacuum(on):"
             yield "  set_standard_digital_out(0, on)"
             yield "end"
-        if self._is_lift:
+        if self._is_lift and "SITE_TORQUE_AT_FLANGE" not in (self.functions or ""):
             yield "# An e-Series tells the torque at its wrist about the flange, a CB3 about the TCP: False there."
             yield "global SITE_TORQUE_AT_FLANGE = True"
         if self.handshake is Handshake.DIGITAL:
@@ -316,7 +319,7 @@ class _Writer:
         yield "global lw_bears = False"
         yield "global lw_comes = False"
         yield "global lw_bound = 0"
-        for name in ("lw_w", "lw_trim", "lw_away", "lw_rate"):
+        for name in ("lw_w", "lw_trim", "lw_away", "lw_rate", "lw_sensed"):
             yield f"global {name} = {_list(np.zeros(6))}"
         yield f"global lw_yield = {_list(np.repeat([1.0 / told.damping, turning], 3))}"
         yield f"global lw_change = {_list(np.repeat([GIVING_ACCELERATION, TURNING_ACCELERATION], 3))}"
@@ -332,8 +335,7 @@ class _Writer:
         yield "  end"
         yield "  return next"
         yield "end"
-        yield "# The wrench on the tool about the TCP; while a hand comes, nothing below what sensors drift."
-        yield f"global lw_drift = {_list(np.repeat(SENSOR_DRIFT, 3))}"
+        yield "# The wrench on the tool about the TCP."
         yield "def lw_felt_at_tcp(here, goal):"
         yield "  local felt = get_tcp_force()"
         yield "  if SITE_TORQUE_AT_FLANGE:"
@@ -345,15 +347,9 @@ class _Writer:
         yield "    felt[4] = felt[4] - (z * felt[0] - x * felt[2])"
         yield "    felt[5] = felt[5] - (x * felt[1] - y * felt[0])"
         yield "  end"
-        yield "  local i = 0"
-        yield "  while lw_comes and i < 6:"
-        yield "    if felt[i] < lw_drift[i] and felt[i] > -lw_drift[i]:"
-        yield "      felt[i] = 0"
-        yield "    end"
-        yield "    i = i + 1"
-        yield "  end"
         yield "  return felt"
         yield "end"
+        yield f"global lw_drift = {_list(np.repeat(SENSOR_DRIFT, 3))}"
         yield "def lw_on_plate(goal, w, s):"
         yield "  local rate = lw_rate"
         yield "  local i = 0"
@@ -371,9 +367,14 @@ class _Writer:
         yield "  end"
         yield "  local here = get_forward_kin(goal)"
         yield "  local felt = lw_felt_at_tcp(here, goal)"
+        yield "  local sensed = lw_sensed"
         yield "  local trim = lw_trim"
         yield "  while i < 6:"
-        yield "    local missing = (1 - s) * lw_w[i] + s * w[i] + felt[i]"
+        yield f"    sensed[i] = sensed[i] + get_steptime() / {_number(SMOOTHING)} * (felt[i] - sensed[i])"
+        yield "    local missing = (1 - s) * lw_w[i] + s * w[i] + sensed[i]"
+        yield "    if lw_comes and missing < lw_drift[i] and missing > -lw_drift[i]:"
+        yield "      missing = 0"
+        yield "    end"
         yield f"    rate[i] = lw_changed(i, missing * lw_yield[i] - {_number(told.leak)} * trim[i])"
         yield "    trim[i] = trim[i] + get_steptime() * rate[i]"
         yield "    i = i + 1"
@@ -393,6 +394,7 @@ class _Writer:
         yield f"  if lw_bound > {_number(LONGEST_BOUND)}:"
         yield f'    lw_end({ProgramState.OVERLOAD}, "a hand on the plate gives way as far as it may")'
         yield "  end"
+        yield "  global lw_sensed = sensed"
         yield "  global lw_rate = rate"
         yield "  global lw_trim = trim"
         yield "  local moved = p[trim[0], trim[1], trim[2], trim[3], trim[4], trim[5]]"
@@ -402,6 +404,7 @@ class _Writer:
         yield "def lw_take_over(bears, comes):"
         yield "  local away = get_target_joint_positions()"
         yield "  local here = get_forward_kin(away)"
+        yield "  local felt = lw_felt_at_tcp(here, away)"
         yield "  local planned = get_forward_kin(lw_q)"
         yield "  local turn = pose_trans(here, pose_inv(planned))"
         yield "  local off = [here[0] - planned[0], here[1] - planned[1], here[2] - planned[2]]"
@@ -415,6 +418,7 @@ class _Writer:
         yield f'    lw_end({ProgramState.WRONG_START}, "a hand on the plate is not where the plan has it")'
         yield "  end"
         yield "  global lw_away = away"
+        yield "  global lw_sensed = felt"
         yield f"  global lw_rate = {_list(np.zeros(6))}"
         yield "  global lw_trim = [off[0], off[1], off[2], turn[3], turn[4], turn[5]]"
         yield "  global lw_bears = bears"

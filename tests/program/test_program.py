@@ -176,7 +176,8 @@ def test_a_hand_gives_way_to_all_that_it_touches_while_it_comes_and_is_zeroed_wh
             assert curve is not None
             comes = not touches[i] and i + 1 < len(steps) and touches[i + 1]
             assert (curve.bears, curve.comes) == (touches[i] or comes, comes)
-            assert step.arms[arm].free == (not touches[i] and not touches[max(i - 1, 0)])
+            came = i > 0 and not touches[i - 1] and touches[i]
+            assert step.arms[arm].free == (not touches[i] and not touches[max(i - 1, 0)] and not came)
 
 
 def test_hands_on_a_plate_are_told_the_sum_of_their_planned_contacts(plans: dict[str, Plan]) -> None:

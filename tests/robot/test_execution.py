@@ -435,8 +435,10 @@ def test_shipped_tasks_that_have_a_plan_are_executed_to_their_end(shelf: PlanShe
         if isinstance(physics, PhysicalLift):
             assert_on_plate_as_planned(schedule, recordings)
             assert physics.untracked
-            for off in physics.untracked.values():
-                assert np.median(off) < 2.0
+            admittance = HandAdmittance()
+            # What the leak leaves of a correction of 6 mm, and what a sensor's noise does.
+            most = admittance.leak * admittance.damping * 0.006 + 1.0
+            assert all(np.median(off) < most for off in physics.untracked.values())
             assert physics.samples[-1].followed > 0.0
         else:
             assert_as_planned(schedule, recordings)
