@@ -36,8 +36,8 @@ TAKEN_OVER = 1.1
 APART_IN_LIFT = 0.01
 """Between the heights of both hands in the lift, beyond which both stop [m]."""
 BEARING_TOLERANCE = 0.4
-"""Likewise of an arm whose hand is on the plate: near a wrist's singularity joints are off the plan by far more than the
-TCP, of which it is asked besides [rad]."""
+"""Likewise of an arm whose hand is on the plate: near a wrist's singularity joints are off the plan by far more than
+the TCP, of which it is asked besides [rad]."""
 SETTLING = 1.5
 """How long hands take on the forces with which a lift begins, in the first half linearly [s]."""
 GIVING_ACCELERATION, TURNING_ACCELERATION = 2.0, 15.0

@@ -13,6 +13,7 @@ from planners import solve
 from planners.contract.arrays import ArmName
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
+from planners.plan.segment import SegmentKind
 from planners.program.recovery import BACK_SPEED, CannotPlanOn, task_from, way_back
 from planners.program.schedule import Schedule
 from workers.solver.protocol import SolverRequest
@@ -62,6 +63,38 @@ def test_the_way_back_is_the_way_come_on_from_rest_to_rest(
         planned = np.abs([segment.velocities[:, columns] for segment in plan.segments]).max()
         assert np.abs(mine.curve(time, 1)).max() <= 0.5 * np.pi * BACK_SPEED * planned + 1e-6
         assert np.abs(mine.curve(time, 2)).max() < plan.cell.arms[arm].acceleration_max.min()
+
+
+def test_on_the_way_back_hands_exert_on_a_plate_what_they_did_there_on_the_way_come(
+    schedules: dict[str, Schedule],
+) -> None:
+    """And give way to what they touch where they were away from it: the sensor is not zeroed before it is known."""
+    schedule = schedules["ab1"]
+    tipped = next(step for step in schedule.steps if step.kind is SegmentKind.TRANSFER)
+    reached = tipped.begin + 0.5 * tipped.duration
+    back = way_back(schedule, both(reached))
+    assert back is not None
+    (step,) = back.steps
+    assert step.way is not None
+    borne = 0
+    for arm in ARMS:
+        mine = step.arms[arm]
+        assert mine.wrenches is not None
+        assert not mine.free
+        for time, value in zip(mine.wrenches.time, mine.wrenches.values, strict=True):
+            clock = step.clock(time)
+            there = max((each for each in schedule.steps if each.begin <= clock + 1e-9), key=lambda each: each.begin)
+            curve = there.arms[arm].wrenches
+            assert curve is not None
+            told = curve.at(np.array([clock - there.begin])).values[0]
+            if mine.wrenches.bears:
+                np.testing.assert_allclose(value, np.nan_to_num(told), atol=1e-9)
+                borne += bool(np.linalg.norm(value[:3]) > 3.0)
+            else:
+                assert np.isnan(told).all()
+    assert borne > 10
+    (pile,) = [way for way in [way_back(schedules["domino_pile"], both(1.0))] if way is not None]
+    assert all(each.wrenches is None for each in pile.steps[0].arms.values())
 
 
 def test_where_nothing_has_been_done_nothing_is_gone_back(moving: Schedule) -> None:
