@@ -11,6 +11,7 @@ from support.plan_shelf import PlanShelf
 from workers.solver.warm_up import forget_stale_kernels
 
 LONG_FIRST = (
+    "robot/test_execution",
     "benchmarks/test_report",
     "soak/",
     "viewer/test_viewer_in_browser",
@@ -18,7 +19,6 @@ LONG_FIRST = (
     "acceptance/",
     "viewer/test_documents_in_browser",
     "viewer/",
-    "robot/test_execution",
     "regrasp/test_hard_objects",
     "manipulation/",
     "remedies/",
