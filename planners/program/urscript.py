@@ -30,7 +30,7 @@ SENSOR_DRIFT = (3.0, 0.2)
 SMOOTHING = 0.012
 """Time constant of what is felt: at a lever of 0.2 m a sensor's noise is one of the torque, too [s]."""
 LONGEST_BOUND = 0.5
-"""A program ends when a hand gives way as far as it may for longer [s]."""
+"""A program ends when the TCP of a hand gives way as far as it may for longer [s]."""
 TAKEN_OVER = 1.1
 """A program begins with a hand on the plate that is off the plan by at most so many times what it may give way [1]."""
 APART_IN_LIFT = 0.01
@@ -379,16 +379,14 @@ class _Writer:
         yield "    trim[i] = trim[i] + get_steptime() * rate[i]"
         yield "    i = i + 1"
         yield "  end"
-        yield "  local bound = False"
         for name, first, most in (("far", 0, told.largest_correction), ("turned", 3, told.largest_turning)):
             yield f"  local {name} = norm([trim[{first}], trim[{first + 1}], trim[{first + 2}]])"
             yield f"  if {name} > {_number(most)}:"
-            yield "    bound = True"
             for i in range(first, first + 3):
                 yield f"    trim[{i}] = trim[{i}] * {_number(most)} / {name}"
             yield "  end"
         yield "  global lw_bound = lw_bound + get_steptime()"
-        yield "  if not bound:"
+        yield f"  if far <= {_number(told.largest_correction)}:"
         yield "    global lw_bound = 0"
         yield "  end"
         yield f"  if lw_bound > {_number(LONGEST_BOUND)}:"

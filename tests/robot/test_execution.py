@@ -413,8 +413,8 @@ def assert_on_plate_as_planned(schedule: Schedule, recordings: Recordings) -> No
                     flange_pose(described.dh, described.T_world_base, each) @ mine.T_flange_tcp
                     for each in (q, planned_q)
                 )
-                assert np.linalg.norm(T[:3, 3] - T_planned[:3, 3]) < HandAdmittance.largest_correction
-                assert rotation_angle(T[:3, :3], T_planned[:3, :3]) < HandAdmittance.largest_turning
+                assert np.linalg.norm(T[:3, 3] - T_planned[:3, 3]) < HandAdmittance.largest_correction + 1e-3
+                assert rotation_angle(T[:3, :3], T_planned[:3, :3]) < HandAdmittance.largest_turning + 1e-2
 
 
 @pytest.mark.slow
@@ -436,8 +436,8 @@ def test_shipped_tasks_that_have_a_plan_are_executed_to_their_end(shelf: PlanShe
             assert_on_plate_as_planned(schedule, recordings)
             assert physics.untracked
             admittance = HandAdmittance()
-            # What the leak leaves of a correction of 6 mm, and what a sensor's noise does.
-            most = admittance.leak * admittance.damping * 0.006 + 1.0
+            # What the leak leaves of the largest correction, and what a sensor's noise does.
+            most = admittance.leak * admittance.damping * admittance.largest_correction + 1.0
             assert all(np.median(off) < most for off in physics.untracked.values())
             assert physics.samples[-1].followed > 0.0
         else:
