@@ -45,9 +45,7 @@ GIVING_ACCELERATION, TURNING_ACCELERATION = 2.0, 15.0
 LEADER = ARMS[0]
 """The arm whose program has law (11): the other hand rises as this one tells, so that both rise alike."""
 CATCHING_UP = 2.0
-"""Rate at which the other hand makes up for a height at which it is behind [1/s]."""
-LIFT_TOLERANCE = 5e-4
-"""The other hand has arrived so far below [m]."""
+"""Rate at which the other hand makes up for a height at which it is behind, while the first one rises [1/s]."""
 STOP_ACCELERATION = 40.0
 """Of the joints when a program stops by itself: from 3 rad/s they stand still in less than 0.1 s [rad/s²]."""
 FASTEST_LIFT = 0.25
@@ -582,7 +580,8 @@ class _Writer:
             yield f"while lw_risen < {_number(height)} and {going_on}:"
             yield from _indented(self._law(gains, told.goal_force))
         else:
-            yield f"while lw_risen < {_number(height - LIFT_TOLERANCE)} and {going_on}:"
+            led = f"read_input_float_register({r.other_lift_height})"
+            yield f"while {led} < {_number(height)} and {going_on}:"
             yield from _indented(self._follow())
         yield "end"
         yield f"write_output_float_register({r.lift_speed}, 0)"
@@ -605,8 +604,9 @@ class _Writer:
         r = self.registers
         yield from self._feel()
         behind = f"read_input_float_register({r.other_lift_height}) - lw_risen"
-        yield f"lw_speed = read_input_float_register({r.other_lift_speed}) + {_number(CATCHING_UP)} * ({behind})"
-        yield "if lw_speed < 0:"
+        yield f"lw_led = read_input_float_register({r.other_lift_speed})"
+        yield f"lw_speed = lw_led + {_number(CATCHING_UP)} * ({behind})"
+        yield "if lw_speed < 0 or lw_led == 0:"
         yield "  lw_speed = 0"
         yield f"elif lw_speed > {_number(FASTEST_LIFT)}:"
         yield f"  lw_speed = {_number(FASTEST_LIFT)}"
