@@ -54,7 +54,7 @@ def show(task: str, folder: Path, speed: float) -> Path | None:
         return None
     document = plan.read_bytes()
     schedule = Schedule.of(exportable(document, load_cell(Plan.read(document).cell.name)))
-    with physical_cell(schedule, SEED) as physics, lock_step(schedule) as clock:
+    with physical_cell(schedule, SEED, beyond_reach=True) as physics, lock_step(schedule) as clock:
         clock.physics = physics
         at = hosts()
         addresses = ("--left", at["left"], "--right", at["right"])

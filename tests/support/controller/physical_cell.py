@@ -38,6 +38,8 @@ from .lock_step import Told
 _TOLD = Registers()
 TAKING_ON = 1.2
 """How long the lifter waits for hands to take on the forces of the lift, over the time that they are told to take."""
+_FARTHER = 0.01
+"""How much higher than the hands a lifter rises that goes beyond their reach [m]."""
 _COMPARED = 10
 """Control cycles between two moments at which forces are compared with the plan's."""
 
@@ -62,7 +64,14 @@ class PhysicalLift:
     """The world of a plate lift, and who raises its lifter."""
 
     def __init__(
-        self, schedule: Schedule, scene: PlateLiftScene, world: LiftWorld, seed: int, lets_go: float = math.inf
+        self,
+        schedule: Schedule,
+        scene: PlateLiftScene,
+        world: LiftWorld,
+        seed: int,
+        lets_go: float = math.inf,
+        *,
+        beyond_reach: bool = False,
     ) -> None:
         """Stand where the plan begins.
 
@@ -72,12 +81,15 @@ class PhysicalLift:
             world: the physics, at the start.
             seed: of the winch, of what the lifter gives too much, and of the wrists' noise.
             lets_go: after which of the lift the cup has no vacuum any more [s].
+            beyond_reach: whether the lifter goes on where the hands end, which ends the lift; else it stops below.
         """
         self.schedule, self._scene, self.world, self._lets_go = schedule, scene, world, lets_go
         settings, rng = SimulationSettings(), np.random.default_rng(seed)
         self.execution = LiftExecution(schedule.plan, scene, world, settings, rng, scene)
         lift = schedule.lift
-        travel = 0.0 if lift is None or lift.lift is None else lift.lift.lifter_travel
+        travel = 0.0
+        if lift is not None and lift.lift is not None:
+            travel = lift.lift.reachable_height + _FARTHER if beyond_reach else lift.lift.lifter_travel
         self._winch = WinchProfile.draw(travel, settings.step, rng, settings.winch)
         self._rng, sensor = rng, settings.sensor
         self._noise = np.repeat([sensor.force_noise, sensor.torque_noise], 3)
@@ -224,7 +236,9 @@ PhysicalCell = PhysicalLift | PhysicalPile
 
 
 @contextmanager
-def physical_cell(schedule: Schedule, seed: int = 0, lets_go: float = math.inf) -> Iterator[PhysicalCell]:
+def physical_cell(
+    schedule: Schedule, seed: int = 0, lets_go: float = math.inf, *, beyond_reach: bool = False
+) -> Iterator[PhysicalCell]:
     """Have the world of a plan's cell, to be the physics of a `LockStep`; arguments as of `PhysicalLift`."""
     scene = build_scene(schedule.plan.task)
     if isinstance(scene, SuctionToolScene):
@@ -232,7 +246,7 @@ def physical_cell(schedule: Schedule, seed: int = 0, lets_go: float = math.inf) 
             yield PhysicalPile(schedule, scene, world)
         return
     with LiftWorld(scene, SimulationSettings()) as world:
-        yield PhysicalLift(schedule, scene, world, seed, lets_go)
+        yield PhysicalLift(schedule, scene, world, seed, lets_go, beyond_reach=beyond_reach)
 
 
 _PARTS = {arm: slice(6 * i, 6 * i + 6) for i, arm in enumerate(ARMS)}
