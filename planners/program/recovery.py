@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from planners.contract.arrays import ArmName
@@ -137,25 +138,27 @@ def _is_free(step: ProgramStep) -> bool:
 
 def _on_path(schedule: Schedule, arm: ArmName, clock: Array) -> tuple[Array, Array]:
     """Return positions and velocities (n, 6) of an arm at times (n,) on the plan's clock."""
-    index = np.searchsorted([step.begin for step in schedule.steps], clock, side="right") - 1
     positions, velocities = np.empty((len(clock), 6)), np.empty((len(clock), 6))
-    for each in np.unique(index):
-        rows, step = index == each, schedule.steps[max(each, 0)]
-        local = np.clip(clock[rows] - step.begin, 0.0, step.duration)
+    for rows, step, local in _by_step(schedule, clock):
         positions[rows], velocities[rows] = step.arms[arm].curve(local), step.arms[arm].curve(local, 1)
     return positions, velocities
 
 
 def _wrenches_on_path(schedule: Schedule, arm: ArmName, time: Array, clock: Array) -> WrenchCurve | None:
     """Return what a hand exerts on a plate at times (n,) of a step that is at times (n,) on the plan's clock."""
-    curves = [step.arms[arm].wrenches for step in schedule.steps]
-    if curves[0] is None:
-        return None
-    index = np.searchsorted([step.begin for step in schedule.steps], clock, side="right") - 1
     values = np.empty((len(clock), 6))
-    for each in np.unique(index):
-        rows, step, curve = index == each, schedule.steps[max(each, 0)], curves[max(each, 0)]
-        assert curve is not None
-        values[rows] = curve.at(np.clip(clock[rows] - step.begin, 0.0, step.duration)).values
+    for rows, step, local in _by_step(schedule, clock):
+        curve = step.arms[arm].wrenches
+        if curve is None:
+            return None
+        values[rows] = curve.at(local).values
     # A hand that is on the plate for a part of the way gives way to what it touches for the rest.
     return WrenchCurve(time, values if np.isnan(values).all() else np.nan_to_num(values))
+
+
+def _by_step(schedule: Schedule, clock: Array) -> Iterator[tuple[NDArray[np.bool_], ProgramStep, Array]]:
+    """Yield which of some times (n,) on the plan's clock are in a step, the step, and these as times from its begin."""
+    index = np.searchsorted([step.begin for step in schedule.steps], clock, side="right") - 1
+    for each in np.unique(index):
+        rows, step = index == each, schedule.steps[max(each, 0)]
+        yield rows, step, np.clip(clock[rows] - step.begin, 0.0, step.duration)
