@@ -82,7 +82,12 @@ class Intrinsics:
             yield
 
     def stopl(self, a: float) -> Turns:
-        yield from self.stopj(a / LEVER)
+        """Slow down along the TCP's way: all joints by the same share, so that it bends neither down nor aside."""
+        while not self._arm.is_still:
+            fastest = float(np.abs(self._arm.qd).max())
+            kept = max(0.0, 1.0 - a / LEVER * self._arm.cycle / fastest)
+            self._arm.send(self._arm.q + kept * self._arm.qd * self._arm.cycle)
+            yield
 
     def movej(self, q: object, a: float = 1.4, v: float = 1.05, t: float = 0, r: float = 0) -> Turns:
         """Go straight in joint space with a trapezoid of speed; blends are refused."""
