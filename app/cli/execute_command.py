@@ -51,6 +51,8 @@ class ExecuteRequest:
     speed: float
     """Share of the planned one."""
     log: Path
+    stops_may_drop: bool = False
+    """Whether it holds for steps, too, in which a stop from it may lose what is carried."""
     functions: Path | None = None
     """URScript for fingers and vacuum that are mounted; None: as they are exported."""
 
@@ -79,7 +81,7 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | No
             return REFUSED
         for link in links.values():
             stack.callback(link.close)
-        _tell_steps(schedule)
+        _tell_steps(schedule, request)
         faults = list(_faults(schedule, links))
         for fault in faults:
             sys.stderr.write(f"liftwright: {fault}\n")
@@ -107,11 +109,17 @@ def _functions(path: Path) -> str:
     return text
 
 
-def _tell_steps(schedule: Schedule) -> None:
-    plan = schedule.plan
-    _say(f"{plan.id or 'plan'}: {len(schedule.steps)} steps, {plan.duration:.1f} s at the planned speed")
-    for step in schedule.steps:
-        _say(f"  {step.number:3d}  {step.duration:5.1f} s  {step.words}")
+def _tell_steps(schedule: Schedule, request: ExecuteRequest) -> None:
+    plan, steps = schedule.plan, schedule.steps
+    speeds = [request.speed if request.stops_may_drop else min(request.speed, step.stop_share) for step in steps]
+    takes = sum(step.duration / speed for step, speed in zip(steps, speeds, strict=True))
+    _say(
+        f"{plan.id or 'plan'}: {len(steps)} steps, {plan.duration:.1f} s at the planned speed, {takes:.1f} s at "
+        f"{request.speed:g} of it"
+    )
+    for step, speed in zip(steps, speeds, strict=True):
+        slower = "" if speed == request.speed else f", at {speed:g}: a stop from more may lose what is carried"
+        _say(f"  {step.number:3d}  {step.duration:5.1f} s  {step.words}{slower}")
     if schedule.lift is not None:
         _say(f"  {schedule.last + 1:3d}  {_LIFT}")
     elif plan.task.kind == "plate_lift":
@@ -184,7 +192,7 @@ class _Session:
         functions: str | None,
     ) -> None:
         self._request, self._links, self._log = request, links, log
-        self._settings = ExecutionSettings(speed=request.speed, functions=functions)
+        self._settings = ExecutionSettings(request.speed, request.stops_may_drop, functions=functions)
         self._keyboard = _Keyboard()
 
     def run(self, schedule: Schedule) -> int:

@@ -405,7 +405,17 @@ def _add_execute(command: argparse.ArgumentParser) -> None:
     command.add_argument("--run", dest="moves", action="store_true", help="move the arms; without it, only look")
     command.add_argument("--continuous", action="store_true", help="do not ask before each step")
     command.add_argument(
-        "--speed", type=_speed, default=0.1, metavar="SHARE", help="of the planned speed, of both arms; default: 0.1"
+        "--speed",
+        type=_speed,
+        default=0.1,
+        metavar="SHARE",
+        help="of the planned speed, of both arms; steps in which a stop from it may lose what is carried are slower, "
+        "as far as they must be; default: 0.1",
+    )
+    command.add_argument(
+        "--stops-may-drop",
+        action="store_true",
+        help="execute such steps at --speed, too: a stop may lose what is carried",
     )
     command.add_argument(
         "--cell", type=Path, metavar="PATH", help="the cell that is there, unless it is shipped: a folder, zip or file"
@@ -543,6 +553,7 @@ def _execute(parsed: argparse.Namespace) -> int:
             moves=parsed.moves,
             continuous=parsed.continuous,
             speed=parsed.speed,
+            stops_may_drop=parsed.stops_may_drop,
             # None of an earlier run is lost.
             log=parsed.log or parsed.plan.with_suffix(f".{datetime.now():%Y%m%d-%H%M%S}.log.jsonl"),
             functions=parsed.functions,

@@ -37,3 +37,8 @@ def wrench_about(wrench: Array, point: Array, about: Array) -> Array:
         j, k = (i + 1) % 3, (i + 2) % 3
         moved[..., 3 + i] += lever[..., j] * wrench[..., k] - lever[..., k] * wrench[..., j]
     return moved
+
+
+def in_axes(poses: Array, wrenches: Array) -> Array:
+    """Write wrenches (n, 6), given in world axes, in the axes of frames (n, 4, 4); the point stays."""
+    return np.einsum("nji,nkj->nki", poses[:, :3, :3], wrenches.reshape(-1, 2, 3)).reshape(-1, 6)

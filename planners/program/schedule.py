@@ -18,7 +18,10 @@ from planners.plan.planned_wrenches import planned_wrenches, told_wrenches
 from planners.plan.scenery import ARMS, GripperDocument
 from planners.plan.segment import Segment, SegmentKind, riding_on
 from planners.plan.simulation import LiftSimulation
+from planners.program.stopping import StopBearing
 
+STOP_DURATION = 1.0 / 16.0
+"""Within which programs stop on the path, from any speed [s]."""
 FORCE_ALLOWANCE = 20.0
 """What a wrist may feel beyond what its hand may exert before the program stops: inertia of the hand, noise [N]."""
 
@@ -110,6 +113,8 @@ class ProgramStep:
     words: str
     """What is done, for a person."""
     arms: dict[ArmName, ArmStep]
+    stop_share: float = 1.0
+    """The largest share of the planned speed from which a stop loses nothing that is carried, see `StopBearing`."""
     way: tuple[Array, Array] | None = None
     """Of a step that leads elsewhere than on: times from its begin, and where on the plan's clock that is (n,) [s]."""
 
@@ -209,6 +214,7 @@ class _StepReader:
         return self._wrenches[arm][self._first[index] : self._first[index + 1]]
 
     def steps(self) -> Iterator[ProgramStep]:
+        stops = None if self._wrenches else StopBearing(self.plan, STOP_DURATION)
         for index, segment in enumerate(self.plan.segments):
             yield ProgramStep(
                 number=index + 1,
@@ -217,6 +223,7 @@ class _StepReader:
                 duration=segment.end - float(segment.time[0]),
                 words=_words(segment),
                 arms={arm: self._arm_step(arm, index, segment) for arm in ARMS},
+                stop_share=1.0 if stops is None else stops.share(segment),
             )
 
     def _arm_step(self, arm: ArmName, index: int, segment: Segment) -> ArmStep:

@@ -21,7 +21,7 @@ from planners.geometry.pose import Array, Transform
 from planners.lifting.hand_admittance import HandAdmittance
 from planners.lifting.leader_follower import FollowerGains, LeaderFollower
 from planners.plan.scenery import ARMS, GripperDocument
-from planners.program.schedule import ArmStep, ProgramStep, Schedule, WrenchCurve, in_base
+from planners.program.schedule import STOP_DURATION, ArmStep, ProgramStep, Schedule, WrenchCurve, in_base
 
 JOINT_TOLERANCE = 0.01
 """How far each joint may be from where the plan begins [rad]."""
@@ -54,9 +54,6 @@ LIFT_ACCELERATION = 4.0
 """With which hands take on the law's speed, and brake: from the fastest they stand still in less than 0.1 s [m/s²]."""
 LOOKAHEAD, GAIN = 0.03, 1000
 """Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
-SHARE_RATE = 16.0
-"""At which the speed changes when another share is asked for, over the largest that was: a stop on the path takes
-1/16 s from any speed, and brakes the less, the slower the arms are [1/s]."""
 HEARTBEAT_RATE = 20.0
 """A program stops when its register `heartbeat` is written less often than that [1/s]."""
 
@@ -249,7 +246,7 @@ class _Writer:
         yield "  if wanted > lw_asked:"
         yield "    global lw_asked = wanted"
         yield "  end"
-        yield f"  local most = {_number(SHARE_RATE)} * lw_asked * get_steptime()"
+        yield f"  local most = lw_asked * get_steptime() / {_number(STOP_DURATION)}"
         yield "  if wanted > lw_share + most:"
         yield "    global lw_share = lw_share + most"
         yield "  elif wanted < lw_share - most:"
@@ -459,6 +456,8 @@ class _Writer:
             yield "  if lw_bears:"
             yield f"    stopj({_number(STOP_ACCELERATION)})"
             yield "  end"
+        if self.handshake is Handshake.REGISTERS:
+            yield "  global lw_asked = lw_share"
         yield f"  write_output_integer_register({r.step}, number)"
         yield f"  lw_tell({ProgramState.RUNNING})"
         yield "  global lw_rest = 0"
@@ -496,6 +495,8 @@ class _Writer:
 
     def _step(self, step: ProgramStep, mine: ArmStep, before: ArmStep | None) -> Iterator[str]:
         yield f"# step {step.number} of {self.schedule.last}: {step.words}"
+        if step.stop_share < 1.0:
+            yield f"# A stop from more than {step.stop_share:g} of the planned speed may lose what is carried."
         yield f"lw_begin({step.number})"
         if before is None or mine.load != before.load:
             com = ", ".join(map(_number, mine.load.com))

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 from planners.contract.arrays import ArmName
 from planners.plan.scenery import ARMS
-from planners.program.schedule import ProgramStep, Schedule
-from planners.program.urscript import SHARE_RATE, ProgramState, start_tolerance, write_urscript
+from planners.program.schedule import STOP_DURATION, ProgramStep, Schedule
+from planners.program.urscript import ProgramState, start_tolerance, write_urscript
 from workers.robot.arm_link import ArmLink, ArmState
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.supervision import ArmSupervisor, Stop, StopReason, SupervisionSettings
@@ -25,6 +25,8 @@ class ExecutionSettings:
 
     speed: float = 1.0
     """Share of the planned speed, above 0 and at most 1, of both arms."""
+    stops_may_drop: bool = False
+    """Whether steps are executed at that speed, too, in which a stop from it may lose what is carried."""
     period: float = 0.002
     """Of supervision: an e-Series' control cycle [s]."""
     patience: float = 2.0
@@ -80,6 +82,8 @@ class Executor:
         self._supervisor = ArmSupervisor(schedule, self._settings.supervision)
         self._asked_to_stop, self._lifted = threading.Event(), threading.Event()
         self._shares: dict[ArmName, float] = {}
+        self._speed, self._since = 0.0, self._due
+        """Share of the planned speed in the step that is executed, or begins next, and since when it is asked for."""
         self._confirmed = schedule.steps[0].number - 1
         self._asking: Future[bool] | None = None
 
@@ -120,19 +124,17 @@ class Executor:
         """Start both programs, and wait until both stand before the first step."""
         for arm, link in self._links.items():
             link.load(write_urscript(self._schedule, arm, functions=self._settings.functions))
-            self._pace(arm, self._settings.speed)
-        until, ready = self._clock.now() + self._settings.patience, float("inf")
+        self._take_up_speed(self._confirmed + 1)
+        until = self._clock.now() + self._settings.patience
         states, silences = self._beat(), dict.fromkeys(ARMS, 0.0)
-        while (now := self._clock.now()) < until:
+        while self._clock.now() < until:
             states = self._beat()
             silences = {arm: self._links[arm].silence(state.timestamp) for arm, state in states.items()}
             if all(
                 state.barrier == self._confirmed + 1 and state.state is ProgramState.WAITING
                 for state in states.values()
             ):
-                ready = min(ready, now)
-            # Both arms take up their speed while they wait, so that they begin alike.
-            if now - ready > 1.0 / SHARE_RATE + 10 * self._settings.period:
+                self._since = self._clock.now()
                 self._log.event(
                     "begin",
                     plan=self._schedule.plan.id,
@@ -198,7 +200,10 @@ class Executor:
             return
         waiting = [state.barrier for state in states.values() if state.state is ProgramState.WAITING]
         if len(waiting) == 2 and waiting[0] == waiting[1] == self._confirmed + 1:
-            self._asking = _asked(self._confirm, self._schedule.step(waiting[0]))
+            self._take_up_speed(waiting[0])
+            # Both arms take it up while they wait, so that they begin alike.
+            if self._clock.now() - self._since > STOP_DURATION + 10 * self._settings.period:
+                self._asking = _asked(self._confirm, self._schedule.step(waiting[0]))
         elif self._lifted.is_set() and self._confirmed == self._schedule.last + 1:
             self._answered(True)
 
@@ -212,14 +217,24 @@ class Executor:
             link.confirm(self._confirmed)
         self._log.event("step", number=self._confirmed)
 
+    def _take_up_speed(self, number: int) -> None:
+        """Have both arms take up the speed of a step, or of the lift."""
+        step, speed = self._schedule.step(number), self._settings.speed
+        if step is not None and not self._settings.stops_may_drop:
+            speed = min(speed, step.stop_share)
+        if speed != self._speed:
+            self._speed, self._since = speed, self._clock.now()
+            for arm in ARMS:
+                self._pace(arm, speed)
+
     def _keep_in_step(self, states: Mapping[ArmName, ArmState]) -> None:
         """Slow whichever arm is ahead, in proportion to its lead."""
-        lead, speed, pull = self._supervisor.lead(states), self._settings.speed, self._settings.supervision.pull
+        lead, speed, pull = self._supervisor.lead(states), self._speed, self._settings.supervision.pull
         for arm, ahead in (("left", lead), ("right", -lead)):
             self._pace(arm, speed * max(0.0, 1.0 - pull * max(0.0, ahead)))
 
     def _pace(self, arm: ArmName, share: float) -> None:
-        if abs(self._shares.get(arm, -1.0) - share) > 1e-3 or (share == self._settings.speed != self._shares[arm]):
+        if abs(self._shares.get(arm, -1.0) - share) > 1e-3 or (share == self._speed != self._shares[arm]):
             self._shares[arm] = share
             self._links[arm].pace(share)
 

@@ -22,7 +22,7 @@ import numpy as np
 from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform
-from planners.geometry.wrench import wrench_about
+from planners.geometry.wrench import in_axes, wrench_about
 from planners.graph.rejections import Rejection
 from planners.motion.spacing import spaced, spent_on_the_way
 from planners.plan.segment import SegmentKind
@@ -302,7 +302,7 @@ class HoldStatics:
         if segment.sucked is not None and segment.kind not in _CUP_KINDS:
             load = loads[segment.sucked.name]
             suction = wrench_about(load.wrenches(slowness), load.centres, lip)
-            used = cup_uses(_in_axes(tool.poses, suction), self.scene.tool.cup)
+            used = cup_uses(in_axes(tool.poses, suction), self.scene.tool.cup)
             uses = [_Use(words, segment.sucked.name, None, "suction", used[:, k]) for k, words in enumerate(_CUP_WORDS)]
         # The reaction of the object is minus the suction, and the hands exert minus that.
         needed = wrench_about(tool.wrenches(slowness), tool.centres, lip) + suction
@@ -351,7 +351,7 @@ class HoldStatics:
         time, scene = segment.trajectory.time, self.scene
         use, sample = bearing.nearest
         if use.arm is None:
-            weakest = least_margin(_in_axes(loads[TOOL_NAME].poses, bearing.suction), scene.tool.cup)
+            weakest = least_margin(in_axes(loads[TOOL_NAME].poses, bearing.suction), scene.tool.cup)
             where = f"{use.body}, {time[weakest.sample]:.3f} s into a {segment.kind.value}"
             return Rejection.measured("suction", weakest.limit.value, where, *weakest.figures)
         where = f"{use.arm} hand, {time[sample]:.3f} s into a {segment.kind.value}"
@@ -482,7 +482,7 @@ def pad_axes(poses: Array, outward: Array) -> Array:
 def _about_tcp(hold: ToolHold, needed: Array, tool_poses: Array) -> Array:
     """Write wrenches (n, 6) about the lip, world axes, about a hand's TCP and in its axes."""
     tcp = tool_poses @ hold.T_tool_tcp
-    return _in_axes(tcp, wrench_about(needed, tool_poses[:, :3, 3], tcp[:, :3, 3]))
+    return in_axes(tcp, wrench_about(needed, tool_poses[:, :3, 3], tcp[:, :3, 3]))
 
 
 def _exerted(forces: Array, torques: Array, width: float) -> Array:
@@ -491,11 +491,6 @@ def _exerted(forces: Array, torques: Array, width: float) -> Array:
     moment = np.cross(levers, forces).sum(axis=0)
     moment[1] += torques.sum()
     return np.concatenate([forces.sum(axis=0), moment])
-
-
-def _in_axes(poses: Array, wrenches: Array) -> Array:
-    """Write wrenches (n, 6), given in world axes, in the axes of frames (n, 4, 4); the point stays."""
-    return np.einsum("nji,nkj->nki", poses[:, :3, :3], wrenches.reshape(-1, 2, 3)).reshape(-1, 6)
 
 
 def _inertia(load: _Load, sample: int) -> tuple[ExertedForce, ...]:

@@ -59,10 +59,18 @@ class MassProperties:
         if len(time) < 3 or np.ptp(poses, axis=0).max() == 0.0:
             return np.zeros((len(time), 6))
         steps = np.diff(time)[:, None]
-        velocity = np.diff(self.centres(poses), axis=0) / steps
-        momentum = np.hstack([self.mass * velocity, self._spins(poses, steps)])
-        rates = np.diff(momentum, axis=0) / (0.5 * (steps[:-1] + steps[1:]))
+        rates = np.diff(self.momenta(time, poses), axis=0) / (0.5 * (steps[:-1] + steps[1:]))
         return -np.concatenate([rates[:1], rates, rates[-1:]])
+
+    def momenta(self, time: Array, poses: Array) -> Array:
+        """Return the momenta midway between samples (n,) [s] at poses (n, 4, 4) `T_world_body`.
+
+        Returns:
+            (n - 1, 6) linear and about the centre of mass, world axes [Ns, Nms].
+        """
+        steps = np.diff(time)[:, None]
+        velocity = np.diff(self.centres(poses), axis=0) / steps
+        return np.hstack([self.mass * velocity, self._spins(poses, steps)])
 
     def _spins(self, poses: Array, steps: Array) -> Array:
         """Return the angular momentum midway between samples: (n - 1, 3), world axes."""
