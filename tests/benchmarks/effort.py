@@ -50,7 +50,7 @@ class Effort:
     soaks: tuple[tuple[str, bool, int, int], ...] = (("PostgreSQL", True, 500, 110), ("SQLite", False, 100, 25))
     """Where, whether that is PostgreSQL, jobs, kills."""
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
-    fuzz_cases: int = 20_000
+    fuzz_cases: int = 100_000
     fleet: bool = True
     piles: tuple[Pile, ...] = PILES
     layouts: int = bench_piles.LAYOUTS

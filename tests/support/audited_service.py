@@ -13,6 +13,8 @@ NOTES = "LIFTWRIGHT_AUDIT_NOTES"
 STARTS = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "ctypes.dlopen")
 FETCHES = ("socket.connect", "socket.getaddrinfo", "socket.gethostbyname", "urllib.Request", "ftplib.connect")
 CHANGES = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.truncate", "shutil.move")
+IN_FOLDER = {"os.remove": 1, "os.rmdir": 1, "os.mkdir": 2, "os.rename": 2}
+"""Which argument is the open folder that a relative path is in, -1: the current one."""
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 
@@ -36,15 +38,18 @@ def _forbidden(event: str, arguments: tuple[Any, ...], home: str) -> bool:
     if event in STARTS or event in FETCHES:
         return True
     if event in CHANGES:
-        return _outside(arguments[0], home)
+        folder = arguments[IN_FOLDER[event]] if event in IN_FOLDER else -1
+        return _outside(arguments[0], home, "" if folder == -1 else f"/proc/self/fd/{folder}")
     # SQLite opens its files by itself; what Python opens is told here.
     return event == "open" and bool((arguments[2] or 0) & WRITING) and _outside(arguments[0], home)
 
 
-def _outside(path: object, home: str) -> bool:
+def _outside(path: object, home: str, folder: str = "") -> bool:
     if isinstance(path, bytes):
         path = os.fsdecode(path)
-    return isinstance(path, str) and path != os.devnull and not os.path.realpath(path).startswith(home)
+    if not isinstance(path, str) or path == os.devnull:
+        return False
+    return not os.path.realpath(os.path.join(folder, path)).startswith(home)
 
 
 if __name__ == "__main__":
