@@ -113,10 +113,8 @@ def _tell_steps(schedule: Schedule, request: ExecuteRequest) -> None:
     plan, steps = schedule.plan, schedule.steps
     speeds = [request.speed if request.stops_may_drop else min(request.speed, step.stop_share) for step in steps]
     takes = sum(step.duration / speed for step, speed in zip(steps, speeds, strict=True))
-    _say(
-        f"{plan.id or 'plan'}: {len(steps)} steps, {plan.duration:.1f} s at the planned speed, {takes:.1f} s at "
-        f"{request.speed:g} of it"
-    )
+    slow = f", {takes:.0f} s as it is executed" if takes > 1.01 * plan.duration else ""
+    _say(f"{plan.id or 'plan'}: {len(steps)} steps, {plan.duration:.1f} s at the planned speed{slow}")
     for step, speed in zip(steps, speeds, strict=True):
         slower = "" if speed == request.speed else f", at {speed:g}: a stop from more may lose what is carried"
         _say(f"  {step.number:3d}  {step.duration:5.1f} s  {step.words}{slower}")
