@@ -56,6 +56,10 @@ class ExecuteRequest:
     functions: Path | None = None
     """URScript for fingers and vacuum that are mounted; None: as they are exported."""
 
+    def speed_in(self, step: ProgramStep) -> float:
+        """Return the share of the planned speed in a step; 0: no stop is borne in it."""
+        return self.speed if self.stops_may_drop else min(self.speed, step.stop_share)
+
 
 def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | None = None) -> int:
     """Execute a plan, or tell what executing it would be; returns the exit code.
@@ -82,7 +86,7 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | No
         for link in links.values():
             stack.callback(link.close)
         _tell_steps(schedule, request)
-        faults = list(_faults(schedule, links))
+        faults = [*_unborne(schedule, request), *_faults(schedule, links)]
         for fault in faults:
             sys.stderr.write(f"liftwright: {fault}\n")
         if not request.moves:
@@ -111,8 +115,8 @@ def _functions(path: Path) -> str:
 
 def _tell_steps(schedule: Schedule, request: ExecuteRequest) -> None:
     plan, steps = schedule.plan, schedule.steps
-    speeds = [request.speed if request.stops_may_drop else min(request.speed, step.stop_share) for step in steps]
-    takes = sum(step.duration / speed for step, speed in zip(steps, speeds, strict=True))
+    speeds = [request.speed_in(step) for step in steps]
+    takes = sum(step.duration / speed for step, speed in zip(steps, speeds, strict=True) if speed)
     slow = f", {takes:.0f} s as it is executed" if takes > 1.01 * plan.duration else ""
     _say(f"{plan.id or 'plan'}: {len(steps)} steps, {plan.duration:.1f} s at the planned speed{slow}")
     for step, speed in zip(steps, speeds, strict=True):
@@ -122,6 +126,16 @@ def _tell_steps(schedule: Schedule, request: ExecuteRequest) -> None:
         _say(f"  {schedule.last + 1:3d}  {_LIFT}")
     elif plan.task.kind == "plate_lift":
         _say("  no lift follows: its law is that of a simulation, and this plan has none that came to it")
+
+
+def _unborne(schedule: Schedule, request: ExecuteRequest) -> Iterator[str]:
+    """Yield in which steps no stop is borne."""
+    for step in schedule.steps:
+        if not request.speed_in(step):
+            yield (
+                f"step {step.number}: a stop may lose what is carried, however slow it is: plan with more "
+                "reserve, or execute with --stops-may-drop"
+            )
 
 
 def _faults(schedule: Schedule, links: Mapping[ArmName, ArmLink]) -> Iterator[str]:
@@ -209,7 +223,9 @@ class _Session:
         asks = not (self._request.continuous if continuous is None else continuous)
 
         def confirm(step: ProgramStep | None) -> bool:
-            words = f"step {schedule.last + 1}: {_LIFT}" if step is None else f"step {step.number}: {step.words}"
+            words = f"step {schedule.last + 1}: {_LIFT}"
+            if step is not None:
+                words = f"step {step.number}: {self._words_of(step)}"
             if not asks:
                 _say(words)
                 return True
@@ -224,6 +240,9 @@ class _Session:
         finally:
             self._keyboard.on_line = None
             self._keyboard.take_back()
+
+    def _words_of(self, step: ProgramStep) -> str:
+        return f"{step.words}, {step.duration / self._request.speed_in(step):.1f} s"
 
     def _tell_stop(self, schedule: Schedule, execution: Execution) -> None:
         assert execution.stop is not None
@@ -249,7 +268,7 @@ class _Session:
             back = way_back(schedule, reached)
             begins = next((step for step in schedule.steps if abs(step.begin - max(reached.values())) < 1e-6), None)
             choices = {
-                "b": None if back is None else f"b: {back.steps[0].words}, {back.steps[0].duration:.1f} s",
+                "b": None if back is None else f"b: {self._words_of(back.steps[0])}",
                 "c": None if begins is None else f"c: go on from the begin of step {begins.number}",
                 "p": "p: write the task that is left, from here",
             }

@@ -19,7 +19,7 @@ from planners.plan.segment import SegmentKind
 from planners.program.schedule import ProgramStep, Schedule, WrenchCurve
 
 BACK_SPEED = 0.25
-"""Of the planned speed, on the average, at which arms go back at most [1]."""
+"""Of the planned speed, on the average, at which arms go back [1]."""
 LEAST_DURATION = 1.0
 """A way back takes at least as long [s]: so it is gentle, however short it is."""
 SAMPLE_STEP = 0.02
@@ -53,9 +53,7 @@ def way_back(schedule: Schedule, reached: Mapping[ArmName, float]) -> Schedule |
     if not free:
         return None
     target = free[-1].begin
-    # At its fastest it is pi / 2 times as fast as on the average.
-    speed = min(BACK_SPEED, 2.0 / np.pi * min(step.stop_share for step in free))
-    duration = max(LEAST_DURATION, (farthest - target) / speed)
+    duration = max(LEAST_DURATION, (farthest - target) / BACK_SPEED)
     time = np.linspace(0.0, duration, round(duration / SAMPLE_STEP) + 1)
     falling = 0.5 * (1.0 + np.cos(np.pi * time / duration))
     falling_rate = -0.5 * np.pi / duration * np.sin(np.pi * time / duration)
@@ -77,7 +75,10 @@ def way_back(schedule: Schedule, reached: Mapping[ArmName, float]) -> Schedule |
     number = free[-1].number
     words = f"back to the begin of step {number}"
     way = time, target + (farthest - target) * falling
-    step = ProgramStep(number, target, SegmentKind.TRANSIT, float(duration), words, arms, way=way)
+    # Of the planned speed: what it is where it is fastest.
+    fastest = 0.5 * np.pi * (farthest - target) / duration
+    stop_share = min(1.0, min(step.stop_share for step in free) / fastest)
+    step = ProgramStep(number, target, SegmentKind.TRANSIT, float(duration), words, arms, stop_share, way)
     return Schedule(schedule.plan, (step,))
 
 

@@ -82,6 +82,7 @@ def trajectories(plan: Plan, description: CellDescription) -> dict[str, Any]:
                 "number": step.number,
                 "kind": step.kind.value,
                 "words": step.words,
+                "stop_share": step.stop_share,
                 **hands,
                 "robot_trajectory": ros.as_json(ros.message("moveit_msgs/RobotTrajectory", joint_trajectory=joints)),
             }
@@ -183,6 +184,7 @@ TO MOVE ROBOTS
   - Before a step set the payload that trajectories.json states, and fingers and vacuum as the bag says; wait until
     fingers have closed before the next step begins. Of a payload, mass is in kg and com in m in <arm>_flange, the hand
     included; width is in m, squeeze the force of each pad in N.
+  - A stop within 1/16 s from more than stop_share of the planned speed may lose what a tool carries in a step.
   - Check that the arms are where the first step begins, to 0.01 rad.
   - The lift behind a vacuum lifter follows what wrists feel, and is not in here.
 

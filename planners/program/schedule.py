@@ -114,7 +114,8 @@ class ProgramStep:
     """What is done, for a person."""
     arms: dict[ArmName, ArmStep]
     stop_share: float = 1.0
-    """The largest share of the planned speed from which a stop loses nothing that is carried, see `StopBearing`."""
+    """The largest share of the planned speed from which a stop loses nothing that is carried, see `StopBearing`; 0:
+    there is none."""
     way: tuple[Array, Array] | None = None
     """Of a step that leads elsewhere than on: times from its begin, and where on the plan's clock that is (n,) [s]."""
 

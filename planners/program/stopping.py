@@ -33,6 +33,9 @@ SUDDEN = 2.0
 SHARES = (0.01, 0.02, 0.03, 0.04, *(0.05 * k for k in range(1, 21)))
 """Of the planned speed, those that are asked about: the answer is one of them."""
 
+_FEWEST_SAMPLES = 3
+"""Of a motion whose rates can be told."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Asked:
@@ -86,13 +89,15 @@ class StopBearing:
     def share(self, segment: Segment) -> float:
         """Return the largest of `SHARES` from which a stop in a segment, in either direction, loses nothing.
 
-        1 where nothing is carried; the least of them where even that is too fast.
+        1 where nothing is carried; 0 where not even the least of them is borne.
         """
         if segment.kind is not SegmentKind.TRANSFER:
             return 1.0
+        if len(segment.time) < _FEWEST_SAMPLES:
+            return 0.0
         holds = list(self._holds(segment))
         borne = takewhile(lambda share: all(hold.bears(share, self._duration) for hold in holds), SHARES)
-        return max(borne, default=SHARES[0])
+        return max(borne, default=0.0)
 
     def _holds(self, segment: Segment) -> Iterator[_Hold]:
         tool = segment.transforms[TOOL_NAME]

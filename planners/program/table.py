@@ -46,6 +46,7 @@ COLUMNS = """# The columns
 |---|---|
 | `step`, `kind`, `begin`, `end` | number, what is done, when [s] |
 | `words` | the same for a person |
+| `stop_share` | largest share of the planned speed from which a stop in 1/16 s loses nothing; 0: there is none |
 | `left_mass`, `right_mass` | payload of each arm, its hand included, the plate of a lift not [kg] |
 | `left_com_x` … `right_com_z` | its centre of mass in the flange's frame [m] |
 | `left_squeeze`, `right_squeeze` | with which fingers close as the step begins [N]; empty: they do not |
@@ -77,12 +78,12 @@ def trajectory_table(schedule: Schedule) -> str:
 
 def steps_table(schedule: Schedule) -> str:
     """Return `steps.csv`, see `COLUMNS`."""
-    header = ["step", "kind", "begin", "end", "words"]
+    header = ["step", "kind", "begin", "end", "words", "stop_share"]
     header += [f"{arm}_{name}" for arm in ARMS for name in ("mass", "com_x", "com_y", "com_z", "squeeze", "vacuum")]
     rows: list[Sequence[object]] = [header]
     begin = 0.0
     for step in schedule.steps:
-        told: list[object] = [step.number, step.kind.value, begin, begin + step.duration, step.words]
+        told: list[object] = [step.number, step.kind.value, begin, begin + step.duration, step.words, step.stop_share]
         for arm in ARMS:
             mine = step.arms[arm]
             squeeze = "" if mine.squeeze is None else mine.squeeze

@@ -54,6 +54,8 @@ LIFT_ACCELERATION = 4.0
 """With which hands take on the law's speed, and brake: from the fastest they stand still in less than 0.1 s [m/s²]."""
 LOOKAHEAD, GAIN = 0.03, 1000
 """Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
+SETTLED = 0.1
+"""How long a program goes on after it has stopped on the path, before it ends: joints lag by `LOOKAHEAD` [s]."""
 HEARTBEAT_RATE = 20.0
 """A program stops when its register `heartbeat` is written less often than that [1/s]."""
 
@@ -210,6 +212,7 @@ class _Writer:
         yield "global lw_path = 0"
         yield "global lw_share = 0"
         yield "global lw_asked = 0"
+        yield "global lw_stood = 0"
         yield f"global lw_q = {_list(self.schedule.start[self.arm])}"
         yield f"global lw_v = {_list(np.zeros(6))}"
         yield f"global lw_force_limit = {_number(self.schedule.steps[0].arms[self.arm].force_limit)}"
@@ -231,7 +234,8 @@ class _Writer:
         yield f'    lw_end({ProgramState.OVERLOAD}, "more force at the wrist than the plan allows")'
         yield "  end"
         if by_registers:
-            yield f"  if read_input_integer_register({r.stop}) == 1 and lw_share == 0:"
+            yield "  # Joints follow what they are sent a little later: they come to rest first."
+            yield f"  if read_input_integer_register({r.stop}) == 1 and lw_stood >= {_number(SETTLED)}:"
             yield f'    lw_end({ProgramState.STOPPED}, "stopped on request")'
             yield "  end"
         yield "end"
@@ -253,6 +257,14 @@ class _Writer:
         yield "    global lw_share = lw_share - most"
         yield "  else:"
         yield "    global lw_share = wanted"
+        yield "    if wanted > 0:"
+        yield "      global lw_asked = wanted"
+        yield "    end"
+        yield "  end"
+        yield "  if lw_share == 0:"
+        yield "    global lw_stood = lw_stood + get_steptime()"
+        yield "  else:"
+        yield "    global lw_stood = 0"
         yield "  end"
         yield "end"
         if self._is_lift:
@@ -456,8 +468,6 @@ class _Writer:
             yield "  if lw_bears:"
             yield f"    stopj({_number(STOP_ACCELERATION)})"
             yield "  end"
-        if self.handshake is Handshake.REGISTERS:
-            yield "  global lw_asked = lw_share"
         yield f"  write_output_integer_register({r.step}, number)"
         yield f"  lw_tell({ProgramState.RUNNING})"
         yield "  global lw_rest = 0"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from functools import cache
 
@@ -16,13 +17,16 @@ from planners.geometry.pose import Array
 from planners.geometry.wrench import wrench_about
 from planners.plan.contacts import SoftFingerContact, SuctionContact
 from planners.plan.plan import Plan
-from planners.plan.segment import Segment, SegmentKind
+from planners.plan.segment import Hold, Segment, SegmentKind
 from planners.program.recovery import way_back
 from planners.program.schedule import STOP_DURATION, Schedule
 from planners.program.stopping import SHARES, SUDDEN, StopBearing
 from planners.regrasp.statics.finger_forces import squeezed
 from planners.regrasp.suction.suction_hold import suction_margins
 from planners.scene.suction_tool import CupData
+from workers.robot.clock import WallClock
+from workers.robot.execution_log import ExecutionLog
+from workers.robot.executor import ExecutionSettings, Executor
 
 
 @pytest.fixture(scope="module")
@@ -124,4 +128,23 @@ def test_the_way_back_is_slow_enough_for_stops(pile: Plan) -> None:
         assert back is not None
         assert back.steps[0].way is not None
         time, clock = back.steps[0].way
-        assert np.abs(np.diff(clock) / np.diff(time)).max() <= step.stop_share + 1e-9
+        fastest = np.abs(np.diff(clock) / np.diff(time)).max()
+        assert back.steps[0].stop_share * fastest <= step.stop_share + 1e-9
+        # Slow by its speed, not by more samples than a controller reads.
+        assert len(time) < 100 * reached
+
+
+def test_what_bears_no_stop_at_all_is_told_and_not_executed(pile: Plan) -> None:
+    weak = pile.model_copy(
+        update={"segments": [each.model_copy(update={"hold": _weaker(each.hold)}) for each in pile.segments]}
+    )
+    schedule = Schedule.of(weak)
+    assert {step.stop_share for step in schedule.steps if step.kind is SegmentKind.TRANSFER} == {0.0}
+    with pytest.raises(ValueError, match="bears no stop"):
+        Executor(schedule, {}, ExecutionLog(io.StringIO(), WallClock()), lambda _: True, ExecutionSettings(0.1))
+
+
+def _weaker(hold: Hold | None) -> Hold | None:
+    if hold is None or hold.grip is None:
+        return hold
+    return hold.model_copy(update={"grip": hold.grip.model_copy(update={"squeeze": 0.01})})

@@ -74,11 +74,17 @@ class Executor:
             log: of all that happens.
             confirm: asked before each step.
             settings: how it is run.
+
+        Raises:
+            ValueError: no stop is borne in a step, and stops must not lose anything.
         """
+        settings = settings or ExecutionSettings()
+        if not settings.stops_may_drop and any(step.stop_share == 0.0 for step in schedule.steps):
+            raise ValueError("a step bears no stop, and none may lose what is carried")
         self._clock = links[ARMS[0]].clock
         self._due = self._clock.now()
         self._schedule, self._links, self._log, self._confirm = schedule, links, log, confirm
-        self._settings = settings or ExecutionSettings()
+        self._settings = settings
         self._supervisor = ArmSupervisor(schedule, self._settings.supervision)
         self._asked_to_stop, self._lifted = threading.Event(), threading.Event()
         self._shares: dict[ArmName, float] = {}
@@ -130,8 +136,9 @@ class Executor:
         while self._clock.now() < until:
             states = self._beat()
             silences = {arm: self._links[arm].silence(state.timestamp) for arm, state in states.items()}
+            # Registers keep what a program before this one wrote.
             if all(
-                state.barrier == self._confirmed + 1 and state.state is ProgramState.WAITING
+                state.is_playing and state.barrier == self._confirmed + 1 and state.state is ProgramState.WAITING
                 for state in states.values()
             ):
                 self._since = self._clock.now()
@@ -248,7 +255,7 @@ class Executor:
         while self._clock.now() < until:
             for arm in reached:
                 self._links[arm].beat()
-            if all(self._links[arm].state().is_still for arm in reached):
+            if all(_has_ended(self._links[arm].state()) for arm in reached):
                 break
             self._wait()
         for arm in reached:
@@ -272,6 +279,12 @@ class Executor:
             return last.clock(last.duration) if awaited is None else awaited.clock(0.0)
         step = self._schedule.step(state.step)
         return last.clock(last.duration) if step is None else step.clock(state.path_time)
+
+
+def _has_ended(state: ArmState) -> bool:
+    """Tell whether an arm stands still, and its program has come to an end, too: slow arms look as if they stood."""
+    moves = state.is_playing and state.state in (ProgramState.RUNNING, ProgramState.WAITING)
+    return state.is_still and not moves
 
 
 def _asked(confirm: Confirm, step: ProgramStep | None) -> Future[bool]:
