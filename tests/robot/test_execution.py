@@ -32,7 +32,7 @@ from planners.lifting.hand_admittance import HandAdmittance
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.plan.segment import SegmentKind
-from planners.program.schedule import ProgramStep, Schedule, WrenchCurve
+from planners.program.schedule import STOP_DURATION, ProgramStep, Schedule, WrenchCurve
 from planners.program.urscript import BEARING_TOLERANCE, SETTLING, ProgramState
 from workers.robot.arm_link import ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
@@ -327,6 +327,38 @@ def _execute_alone(addresses: dict[ArmName, str], pipe: Connection) -> None:
     links = {arm: ArmLink(address, clock=clock) for arm, address in addresses.items()}
     clock.links = links
     Executor(SCHEDULE, links, ExecutionLog(io.StringIO()), lambda _: True).run()
+
+
+@pytest.mark.parametrize("late", [0.0, 0.04])
+def test_a_step_that_bears_stops_from_less_is_slower_and_brakes_as_gently(late: float) -> None:
+    """A stop takes as long from a fifth of the speed as from all of it, after a faster step and on a late network."""
+    first, second, *others = SCHEDULE.steps
+    slow = replace(SCHEDULE, steps=(first, replace(second, stop_share=0.2), *others))
+    with cell() as site:
+        for arm in ARMS:
+            site.links[arm].pace = delayed(site.clock, late, site.links[arm].pace)
+
+        def confirm(step: ProgramStep | None) -> bool:
+            if step is not None and step.number == second.number:
+                site.clock.at(site.clock.now() + 2.0 * second.duration, executor.ask_to_stop)
+            return True
+
+        executor = Executor(slow, site.links, ExecutionLog(site.log, site.clock), confirm, ExecutionSettings())
+        ended = executor.run()
+        assert ended.stop is not None
+        assert (ended.stop.reason, ended.step) == (StopReason.ASKED, second.number)
+        recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
+    for recording in recordings.values():
+        rows = running(recording, second.number)
+        shares = np.diff(recording.path_time[rows]) / np.diff(recording.time[rows])
+        assert shares[: len(shares) // 2].max() == pytest.approx(0.2, abs=0.01)
+        brake = shares[len(shares) // 2 :]
+        assert np.count_nonzero((brake > 1e-6) & (brake < 0.199)) == pytest.approx(STOP_DURATION / CYCLE, abs=3)
+
+
+def delayed(clock: LockStep, late: float, pace: Callable[[float], None]) -> Callable[[float], None]:
+    """Have a share arrive late."""
+    return lambda share: clock.at(clock.now() + late, lambda: pace(share)) if late else pace(share)
 
 
 @pytest.mark.slow
