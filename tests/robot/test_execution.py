@@ -400,6 +400,17 @@ def test_nothing_moves_from_elsewhere_nor_without_a_yes() -> None:
             assert np.ptp(site.stand_ins[arm].recording().q, axis=0).max() <= 0.02 + 1e-12
 
 
+def test_after_a_no_both_programs_have_ended_and_may_go_on_from_there() -> None:
+    """What registers still tell of the program before is not taken for the next one."""
+    with cell() as site:
+        refused = site.execute(lambda step: step is None or step.number < 2)
+        assert refused.stop is not None
+        assert (refused.stop.reason, refused.step) == (StopReason.ASKED, 1)
+        assert all(state.state is ProgramState.STOPPED for state in refused.states.values())
+        gone_on = site.execute(schedule=SCHEDULE.since(2))
+        assert gone_on.is_done, gone_on.stop
+
+
 def test_where_no_controller_is_that_is_said() -> None:
     with pytest.raises(NoLink, match="does not answer"):
         ArmLink("127.0.0.9")
