@@ -419,7 +419,7 @@ def test_where_no_controller_is_that_is_said() -> None:
 def executed(
     schedule: Schedule, physics: PhysicalCell, seconds: float
 ) -> tuple[Execution, Mapping[ArmName, Recording]]:
-    """Execute a plan in a world, and follow its lifter for so long after it, if a lift follows."""
+    """Execute a plan in a world at its own speed, and follow its lifter for so long after it, if a lift follows."""
     with lock_step(schedule) as clock:
         links = {arm: clock.connect(hosts()[arm]) for arm in ARMS}
         clock.physics = physics
@@ -430,7 +430,8 @@ def executed(
                 clock.at(clock.now() + TAKING_ON * SETTLING + seconds + 0.1, executor.end_lift)
             return True
 
-        executor = Executor(schedule, links, ExecutionLog(io.StringIO(), clock), confirm)
+        settings = ExecutionSettings(stops_may_drop=True)
+        executor = Executor(schedule, links, ExecutionLog(io.StringIO(), clock), confirm, settings)
         execution = executor.run()
         return execution, {arm: clock.stand_ins[arm].recording() for arm in ARMS}
 
