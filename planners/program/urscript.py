@@ -234,8 +234,9 @@ class _Writer:
         yield f'    lw_end({ProgramState.OVERLOAD}, "more force at the wrist than the plan allows")'
         yield "  end"
         if by_registers:
-            yield "  # Joints follow what they are sent a little later: they come to rest first."
-            yield f"  if read_input_integer_register({r.stop}) == 1 and lw_stood >= {_number(SETTLED)}:"
+            yield "  # Joints lag behind what they are sent: they come to rest first, unless a hand gives way."
+            rest = 0.0 if self._is_lift else SETTLED
+            yield f"  if read_input_integer_register({r.stop}) == 1 and lw_share == 0 and lw_stood >= {_number(rest)}:"
             yield f'    lw_end({ProgramState.STOPPED}, "stopped on request")'
             yield "  end"
         yield "end"
