@@ -56,10 +56,6 @@ class ExecuteRequest:
     functions: Path | None = None
     """URScript for fingers and vacuum that are mounted; None: as they are exported."""
 
-    def speed_in(self, step: ProgramStep) -> float:
-        """Return the share of the planned speed in a step; 0: no stop is borne in it."""
-        return self.speed if self.stops_may_drop else min(self.speed, step.stop_share)
-
 
 def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | None = None) -> int:
     """Execute a plan, or tell what executing it would be; returns the exit code.
@@ -85,8 +81,9 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | No
             return REFUSED
         for link in links.values():
             stack.callback(link.close)
-        _tell_steps(schedule, request)
-        faults = [*_unborne(schedule, request), *_faults(schedule, links)]
+        settings = ExecutionSettings(request.speed, request.stops_may_drop, functions=functions)
+        _tell_steps(schedule, settings)
+        faults = [*_unborne(schedule, settings), *_faults(schedule, links)]
         for fault in faults:
             sys.stderr.write(f"liftwright: {fault}\n")
         if not request.moves:
@@ -94,7 +91,7 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | No
         if faults or not request.moves:
             return REFUSED if faults else EXECUTED
         with request.log.open("w") as file:
-            return _Session(request, links, ExecutionLog(file, links[ARMS[0]].clock), functions).run(schedule)
+            return _Session(request, links, ExecutionLog(file, links[ARMS[0]].clock), settings).run(schedule)
 
 
 def _functions(path: Path) -> str:
@@ -113,14 +110,14 @@ def _functions(path: Path) -> str:
     return text
 
 
-def _tell_steps(schedule: Schedule, request: ExecuteRequest) -> None:
+def _tell_steps(schedule: Schedule, settings: ExecutionSettings) -> None:
     plan, steps = schedule.plan, schedule.steps
-    speeds = [request.speed_in(step) for step in steps]
+    speeds = [settings.speed_in(step) for step in steps]
     takes = sum(step.duration / speed for step, speed in zip(steps, speeds, strict=True) if speed)
     slow = f", {takes:.0f} s as it is executed" if takes > 1.01 * plan.duration else ""
     _say(f"{plan.id or 'plan'}: {len(steps)} steps, {plan.duration:.1f} s at the planned speed{slow}")
     for step, speed in zip(steps, speeds, strict=True):
-        slower = "" if speed == request.speed else f", at {speed:g}: a stop from more may lose what is carried"
+        slower = "" if speed == settings.speed else f", at {speed:g}: a stop from more may lose what is carried"
         _say(f"  {step.number:3d}  {step.duration:5.1f} s  {step.words}{slower}")
     if schedule.lift is not None:
         _say(f"  {schedule.last + 1:3d}  {_LIFT}")
@@ -128,10 +125,10 @@ def _tell_steps(schedule: Schedule, request: ExecuteRequest) -> None:
         _say("  no lift follows: its law is that of a simulation, and this plan has none that came to it")
 
 
-def _unborne(schedule: Schedule, request: ExecuteRequest) -> Iterator[str]:
+def _unborne(schedule: Schedule, settings: ExecutionSettings) -> Iterator[str]:
     """Yield in which steps no stop is borne."""
     for step in schedule.steps:
-        if not request.speed_in(step):
+        if not settings.speed_in(step):
             yield (
                 f"step {step.number}: a stop may lose what is carried, however slow it is: plan with more "
                 "reserve, or execute with --stops-may-drop"
@@ -201,10 +198,9 @@ class _Session:
         request: ExecuteRequest,
         links: Mapping[ArmName, ArmLink],
         log: ExecutionLog,
-        functions: str | None,
+        settings: ExecutionSettings,
     ) -> None:
-        self._request, self._links, self._log = request, links, log
-        self._settings = ExecutionSettings(request.speed, request.stops_may_drop, functions=functions)
+        self._request, self._links, self._log, self._settings = request, links, log, settings
         self._keyboard = _Keyboard()
 
     def run(self, schedule: Schedule) -> int:
@@ -242,7 +238,7 @@ class _Session:
             self._keyboard.take_back()
 
     def _words_of(self, step: ProgramStep) -> str:
-        return f"{step.words}, {step.duration / self._request.speed_in(step):.1f} s"
+        return f"{step.words}, {step.duration / self._settings.speed_in(step):.1f} s"
 
     def _tell_stop(self, schedule: Schedule, execution: Execution) -> None:
         assert execution.stop is not None

@@ -36,13 +36,14 @@ def write_ros2(plan: Plan, cell: Cell) -> dict[str, str | bytes]:
     taken = sorted({*plan.bodies, *ARMS} & ({*description.links} - {body.name for body in cell.still}))
     if taken:
         raise NotExportable(f"{', '.join(taken)} would name a body and a link of the cell: name the body otherwise")
+    schedule = Schedule.of(plan)
     return {
-        **write_bag(plan, description),
+        **write_bag(schedule, description),
         **description.meshes,
         "cell.urdf": description.urdf,
         "cell.srdf": description.srdf,
         "joint_limits.yaml": description.joint_limits,
-        "trajectories.json": json.dumps(trajectories(plan, description), allow_nan=False, separators=(",", ":")),
+        "trajectories.json": json.dumps(trajectories(schedule, description), allow_nan=False, separators=(",", ":")),
         "package.xml": _package(description),
         "CMakeLists.txt": _BUILD.format(package=description.package),
         "README.txt": _readme(plan, description),
@@ -54,10 +55,10 @@ def package_name(cell: Cell) -> str:
     return "liftwright_" + re.sub(r"[^a-z0-9]+", "_", cell.name.lower()).strip("_")
 
 
-def trajectories(plan: Plan, description: CellDescription) -> dict[str, Any]:
+def trajectories(schedule: Schedule, description: CellDescription) -> dict[str, Any]:
     """Return `trajectories.json`: what each step needs, members of messages named as MoveIt has them."""
-    steps = []
-    for step, segment in zip(Schedule.of(plan).steps, plan.segments, strict=True):
+    plan, steps = schedule.plan, []
+    for step, segment in zip(schedule.steps, plan.segments, strict=True):
         joints = ros.joint_trajectory(
             plan.joint_names,
             segment_times(segment),

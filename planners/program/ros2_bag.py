@@ -73,7 +73,7 @@ TOPICS = {
 LATCHED = (TF_STATIC, BODIES)
 
 
-def write_bag(plan: Plan, description: CellDescription) -> dict[str, bytes]:
+def write_bag(schedule: Schedule, description: CellDescription) -> dict[str, bytes]:
     """Return the files of a bag: `plan.mcap` and `metadata.yaml`."""
     store, order = ros.message_types(), {topic: i for i, topic in enumerate(TOPICS)}
     with TemporaryDirectory(prefix="liftwright-bag-") as folder:
@@ -90,7 +90,7 @@ def write_bag(plan: Plan, description: CellDescription) -> dict[str, bytes]:
                 )
                 for topic, kind in TOPICS.items()
             }
-            for time, topic, said in sorted(_Recorder(plan, description).said(), key=lambda m: (m[0], order[m[1]])):
+            for time, topic, said in sorted(_Recorder(schedule, description).said(), key=lambda m: (m[0], order[m[1]])):
                 writer.write(connections[topic], time, store.serialize_cdr(said, TOPICS[topic]))
         return {path.name: path.read_bytes() for path in sorted(place.iterdir())}
 
@@ -118,8 +118,12 @@ class _Carried:
 
 @dataclass(frozen=True, eq=False)
 class _Recorder:
-    plan: Plan
+    schedule: Schedule
     description: CellDescription
+
+    @property
+    def plan(self) -> Plan:
+        return self.schedule.plan
 
     def said(self) -> Iterator[tuple[int, str, Any]]:
         """Yield what is said, with time [ns] and topic, in no order."""
@@ -142,7 +146,7 @@ class _Recorder:
         yield 0, BODIES, ros.message("visualization_msgs/MarkerArray", markers=markers)
 
     def _commands(self) -> Iterator[tuple[int, str, Any]]:
-        for step, segment in zip(Schedule.of(self.plan).steps, self.plan.segments, strict=True):
+        for step, segment in zip(self.schedule.steps, self.plan.segments, strict=True):
             times = segment_times(segment)
             yield times[0], STEP, ros.message("std_msgs/String", data=f"{step.number}: {step.words}")
             for i, arm in enumerate(ARMS):

@@ -5,7 +5,7 @@ s of the planned speed and comes to rest within a time T is braked by s / T, whi
 momentum of what is borne along the plan, and p' its rate, what must be exerted beside weight is q^2 p' -+ (s / T) p
 with 0 <= q <= s. The brake comes at once, and fingers and cup give way like springs: a load that is applied suddenly
 asks up to twice as much of a spring, so that the brake counts twice. What cup and fingers can exert is convex, so that
-the ends decide: q = 0 and q = s, with and without the brake.
+the ends decide: q = 0 and q = s, braked one way and the other.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ def measure_load(effort: Effort, note: Note, folder: Path) -> Findings:
 
 
 def measure_bad_input(effort: Effort, note: Note, folder: Path) -> Findings:
-    """Send bad input to services of their own, one a core: about an hour."""
+    """Send bad input to services of their own, one a core: about a quarter of an hour."""
     del folder
     if not effort.fuzz_cases:
         return Findings([], [])

@@ -504,6 +504,7 @@ def assert_at_goals(physics: PhysicalPile) -> None:
         *(("can_stack.json", 0.3, 1.0, False), ("domino_pile.json", 0.7, 1.0, False)),
         # Far from the hand that bears it, and what the world has to say of a stop from more than a stop is borne from.
         *(("carton_pile.json", 0.3, 1.0, False), ("carton_pile.json", 0.3, 0.3, True)),
+        ("carton_pile.json", 0.6, 0.25, False),
     ],
 )  # fmt: skip
 def test_a_stop_on_request_drops_nothing(shelf: PlanShelf, name: str, part: float, speed: float, drops: bool) -> None:
@@ -527,7 +528,7 @@ def stopped_midway(
     carrying = [step for step in schedule.steps if step.kind is SegmentKind.TRANSFER and step.duration > 0.5]
     step = carrying[round(part * (len(carrying) - 1))]
     moving = next(arm for arm in ARMS if step.arms[arm].moves)
-    speed = settings.speed if settings.stops_may_drop else min(settings.speed, step.stop_share)
+    speed = settings.speed_in(step)
     with physical_cell(schedule) as physics, lock_step(schedule) as clock:
         clock.physics = physics
         site = Cell(clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())

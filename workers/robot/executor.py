@@ -35,6 +35,10 @@ class ExecutionSettings:
     functions: str | None = None
     """URScript for what is mounted, see `write_urscript`."""
 
+    def speed_in(self, step: ProgramStep) -> float:
+        """Return the share of the planned speed in a step; 0: no stop is borne in it."""
+        return self.speed if self.stops_may_drop else min(self.speed, step.stop_share)
+
 
 @dataclass(frozen=True, eq=False)
 class Execution:
@@ -79,7 +83,7 @@ class Executor:
             ValueError: no stop is borne in a step, and stops must not lose anything.
         """
         settings = settings or ExecutionSettings()
-        if not settings.stops_may_drop and any(step.stop_share == 0.0 for step in schedule.steps):
+        if not all(settings.speed_in(step) for step in schedule.steps):
             raise ValueError("a step bears no stop, and none may lose what is carried")
         self._clock = links[ARMS[0]].clock
         self._due = self._clock.now()
@@ -226,9 +230,8 @@ class Executor:
 
     def _take_up_speed(self, number: int) -> None:
         """Have both arms take up the speed of a step, or of the lift."""
-        step, speed = self._schedule.step(number), self._settings.speed
-        if step is not None and not self._settings.stops_may_drop:
-            speed = min(speed, step.stop_share)
+        step = self._schedule.step(number)
+        speed = self._settings.speed if step is None else self._settings.speed_in(step)
         if speed != self._speed:
             self._speed, self._since = speed, self._clock.now()
             for arm in ARMS:
