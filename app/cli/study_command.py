@@ -29,7 +29,6 @@ from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import SolverCommand
 from workers.solver.protocol import HANDOVERS_VARIABLE, StudyRequest
 from workers.solver.warm_up import is_warm
-from workers.stores.study_store import parts_of, points_of_part
 
 JOB_FAILED = 1
 MARKS = {"not_found": "··", "infeasible": "××", "refused": "  ", "failed": "!!"}
@@ -175,7 +174,8 @@ def _listed(text: str) -> Iterator[Any]:
 async def _examine(study: Study, settings: WorkerSettings, processes: int, show: Callable[[StudyPoint], None]) -> None:
     folder = {HANDOVERS_VARIABLE: str(settings.handovers_dir)} if settings.data_dir.is_dir() else {}
     pool = ExaminerPool(SolverCommand(STUDY_COMMAND, folder))
-    parts = [points_of_part(study.count, part) for part in range(parts_of(study.count))]
+    # One by one: a process that is kept loses nothing between two points, and none has the last ones for itself.
+    left = list(range(study.count))
     # Two processes must not compile the same kernels at the same time: then the first one begins alone.
     compiled = asyncio.Event()
     if is_warm(settings):
@@ -188,12 +188,12 @@ async def _examine(study: Study, settings: WorkerSettings, processes: int, show:
     async def work(number: int) -> None:
         if number > 0:
             await compiled.wait()
-        while parts:
-            await pool.examine(StudyRequest(study.document(), list(parts.pop(0))), take)
+        while left:
+            await pool.examine(StudyRequest(study.document(), [left.pop(0)]), take)
 
     try:
         async with asyncio.TaskGroup() as group:
-            for number in range(min(processes, len(parts))):
+            for number in range(min(processes, len(left))):
                 group.create_task(work(number))
     except BaseExceptionGroup as several:
         raise several.exceptions[0] from None

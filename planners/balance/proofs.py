@@ -67,7 +67,9 @@ class TwistTable:
         pushes = push_power(twist, self._push_levers, self._push_normals, friction, limits)
         grips, pushes = np.append(0.0, grips), np.append(0.0, pushes)
         threshold = -PROOF_MARGIN * balance.weight * max(float(np.linalg.norm(twist[:3])), 1.0)
-        return poses[:, None, None] + grips[:, None] + pushes < threshold
+        # One pass over all nodes, which are many: what the push would have to add.
+        lacking = threshold - (poses[:, None] + grips)
+        return pushes < lacking[:, :, None]
 
     def _pose_power(self, twists: Array) -> Array:
         """Return the most power of weight, environment and cup at each pose, (n,), for twists (n, 6) [W]."""

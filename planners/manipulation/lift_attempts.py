@@ -196,6 +196,11 @@ def most_passable(planner: PlateLiftPlanner, kept: float, top: float, *, low: bo
     """
     known, beyond = math.floor(kept * STEPS + _ROUNDING), math.floor(top * STEPS + _ROUNDING) + 1
     best = None
+    if beyond - known > 2:
+        # What speaks against the least speaks against all.
+        if not planner.may_keep((known + 1) / STEPS, low=low):
+            return None
+        known, best = known + 1, (known + 1) / STEPS
     while beyond - known > 1:
         middle = (known + beyond) // 2
         if planner.may_keep(middle / STEPS, low=low):

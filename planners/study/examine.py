@@ -26,9 +26,10 @@ class PointExaminer:
 
     def __init__(self, solver: TaskSolver) -> None:
         remembering = partial(plan, lift=partial(plan_lift, memory=ReachMemory()))
+        # No point tells of a simulation, which takes longer than the plan.
+        self._planning = replace(solver, plan=remembering, simulate=None)
         # Where nothing is found, denser samplings seldom help, and take longest.
-        self._searching = replace(solver, plan=partial(remembering, persistent=False), certify=lambda *_: None)
-        self._planning = replace(solver, plan=remembering)
+        self._searching = replace(self._planning, plan=partial(remembering, persistent=False), certify=None)
 
     def examine(
         self,

@@ -42,7 +42,8 @@ def _load_examiner() -> Examine:
     from planners.study.examine import PointExaminer
     from workers.solver.pipeline import cells_of
 
-    solver = load_pipeline().warm_up().solver
+    # The first point loads the kernels that points need, which are fewer than all.
+    solver = load_pipeline().solver
     examiner = PointExaminer(solver)
 
     def examine(study: Study, index: int, request: StudyRequest) -> StudyPoint:
