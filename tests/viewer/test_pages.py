@@ -20,6 +20,7 @@ from support.browser import (
     wait_for_plan,
 )
 from support.plan_shelf import PlanShelf
+from support.samples import sample
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 
 PLANS = ("ab1", "pb1_weak_cup")
@@ -107,11 +108,15 @@ def show(page: Page, name: str, address: str) -> None:
 def test_a_page_is_readable_and_whole_at_every_width_in_light_and_dark(
     name: str, window: Page, addresses: dict[str, str]
 ) -> None:
+    shown = False
     for scheme in SCHEMES:
         window.emulate_media(color_scheme=scheme)
         for size in WINDOWS:
             window.set_viewport_size(size)
-            show(window, name, addresses[name])
+            # A window that is made smaller, or dark, has the same page: it is opened anew where everything is tried.
+            if not shown or sample(quick=False, whole=True):
+                show(window, name, addresses[name])
+                shown = True
             where = f"{name}, {scheme}, {size['width']} px"
             assert serious_findings(window) == [], where
             assert window.evaluate(OVERFLOWING) == [], where
