@@ -348,7 +348,8 @@ class TaskSolver:
         if found.explanation.cup_place is not None:
             # They are for the cup where it was put, which the task as posted leaves open.
             remedies = [with_cup_at(found.explanation.cup_place.position, remedy) for remedy in remedies]
-        helps = f"What helps: {remedies[0].sentence}" if remedies else "Of the changes that were tried, none helps."
+        tried = "Of the changes that were tried, none helps." if more.spent else "No change is known that would help."
+        helps = f"What helps: {remedies[0].sentence}" if remedies else tried
         summary = f"{found.explanation.summary} {helps}"
         explanation = found.explanation.model_copy(update={"summary": summary, "remedies": remedies})
         seconds, statistics = self.clock() - begun, found.statistics

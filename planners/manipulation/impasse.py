@@ -23,7 +23,7 @@ from planners.manipulation.holds.grips import lack_of_grips
 from planners.manipulation.lift_reach import meeting
 from planners.manipulation.lift_sampling import cup_footprint, jaw_of
 from planners.manipulation.lift_search import LiftSearch
-from planners.manipulation.reach.hand_reach import HandReach
+from planners.manipulation.reach.hand_reach import Closeness, HandReach, Hindrance
 from planners.manipulation.statics.hold_balance import HandPair
 
 _POSES = 12
@@ -100,10 +100,17 @@ class _Stages:
         )
 
     def _too_thin(self, thickness: float, least: float, causes: tuple[Rejection, ...]) -> Impasse:
-        reason = f"Flat on the table, a plate that is no thicker than {1e3 * least:.0f} mm leaves no room for the stick"
+        on_table = self._sampling.scene.support_name == "table"
+        reason = (
+            f"Flat on the {'table' if on_table else 'support'}, a plate that is no thicker than {1e3 * least:.3g} mm "
+            "leaves no room for the stick"
+        )
         advice = "A board under it, no larger than the plate, helps, or the edge of the table"
+        told = f"{reason}; this one is {1e3 * thickness:.3g} mm thick."
+        if on_table:
+            told = f"{told} {advice}."
         cause = Rejection("reach", reason, "beside the plate at rest", least, thickness, "m")
-        return Impasse(f"{reason}; this one is {1e3 * thickness:.3g} mm thick. {advice}.", (cause, *causes))
+        return Impasse(told, (cause, *causes))
 
     def _at_goal(self) -> Impasse:
         """No two hands can hold the plate at the goal."""
@@ -176,9 +183,9 @@ class _Stages:
             (hands[1], self._reach.pair.second, self._reached.push),
         ):
             if index is not None and not postures[pose, index]:
-                reason = hand.hindrance(self._poses[pose].T_world_plate, index)
-                assert reason is not None
-                return Rejection("reach", reason, where)
+                hindrance = hand.hindrance(self._poses[pose].T_world_plate, index)
+                assert hindrance is not None
+                return Rejection("reach", hindrance.reason, where)
         return Rejection("reach", "the two arms would touch", where)
 
     def _meeting(self, pose: int) -> str | None:
@@ -189,7 +196,7 @@ class _Stages:
     def _hindrances(self, poses: list[int], hands: tuple[bool, bool], where: str) -> tuple[Rejection, ...]:
         """Say what keeps hands (gripper, stick) from poses: for each hand the cause of most of its holds, then more.
 
-        What hinders a hold that the arm reaches comes before being out of reach: it is nearer to success.
+        What is in the way of a hold that the arm reaches comes before being out of reach: it is nearer to success.
         """
         lists = [
             self._ranked(hand, poses[:: max(1, len(poses) // 3)][:3])
@@ -200,12 +207,16 @@ class _Stages:
         return tuple(Rejection("reach", reason, where) for reason in mixed[:4])
 
     def _ranked(self, hand: HandReach, poses: list[int]) -> list[str]:
-        found: Counter[str] = Counter()
+        found: Counter[Hindrance] = Counter()
         for pose, hold in itertools.product(poses, range(hand.hold_count)):
-            reason = self._meeting(pose) or hand.hindrance(self._poses[pose].T_world_plate, hold)
-            if reason is not None:
-                found[reason] += 1
-        return sorted(found, key=lambda reason: ("touch" not in reason, "limits" not in reason, -found[reason], reason))
+            touch = self._meeting(pose)
+            hindrance = Hindrance(Closeness.TOUCHING, touch) if touch is not None else self._hindrance(hand, pose, hold)
+            if hindrance is not None:
+                found[hindrance] += 1
+        return [each.reason for each in sorted(found, key=lambda each: (each.closeness, -found[each], each.reason))]
+
+    def _hindrance(self, hand: HandReach, pose: int, hold: int) -> Hindrance | None:
+        return hand.hindrance(self._poses[pose].T_world_plate, hold)
 
     def _tilt(self, pose: int) -> float:
         return float(np.linalg.norm(self._poses[pose].tilt))

@@ -97,11 +97,11 @@ class LiftSampling:
 
     @property
     def least_thickness(self) -> float:
-        """Up to which the stick finds no room beside a plate that lies flat on the bare table [m]; 0 on a support."""
-        if self.scene.support is not None or self.scene.given_pushes is not None:
+        """Up to which the stick finds no room beside the plate where it lies [m]; 0 where pushes are given."""
+        if self.scene.given_pushes is not None:
             return 0.0
-        margin = self.workcell.settings.margin
-        return least_thickness(self.workcell.pushing_hand.tip_radius, margin, self.settings.pushes)
+        radius, margin = self.workcell.pushing_hand.tip_radius, self.workcell.settings.margin
+        return least_thickness(radius, margin, self.settings.pushes, self.scene.surface_beyond)
 
     def figures(self) -> dict[str, int]:
         """Return how many of everything there are, for the plan."""

@@ -67,6 +67,8 @@ _EDGES = 2
 """Edges of the table that the plate is moved to."""
 _BOARDS = (0.03, 0.05)
 """Thickness of a board under the plate [m]."""
+_FLUSH = 1e-3
+"""A board that reaches no farther beyond the plate is as large as it [m]."""
 _OTHER_LIFTERS = {
     "paper": "whose pad bears friction",
     "dexnet": "whose pad bears friction where it hardly pulls, too",
@@ -120,7 +122,8 @@ class LiftChanges:
             return [self._plate_place()]
         if planner.proof() is not None:
             return []
-        if planner.sampling.prism.height <= planner.sampling.least_thickness:
+        too_thin = planner.sampling.prism.height <= planner.sampling.least_thickness
+        if too_thin and self.task.support is None:
             return [self._board(), self._to_the_edge()]
         cup, places = self._cup_place(), [self._plate_turned(), self._plate_place()]
         if self._without_obstacles:
@@ -128,6 +131,9 @@ class LiftChanges:
         if self._is_held:
             # It is the arms that find no way: other forces change nothing for them.
             return [*places, self._board(), cup, self._given_holds()]
+        if self._planner.search is not None and not self._planner.search.graph.starts:
+            # No hand comes to the plate at rest, whatever it bears.
+            return [self._board(), *([] if too_thin else places), self._given_holds()]
         return [cup, *forces, *places, self._tolerances(), self._board(), self._given_holds()]
 
     def in_pairs(self, effort: Effort) -> list[Iterator[TaskChange]]:
@@ -322,23 +328,27 @@ class LiftChanges:
         return tuple(steps)
 
     def _board(self) -> Iterator[TaskChange]:
-        """A board under a plate that hands cannot get beside on the bare table."""
-        if self.task.support is None:
-            yield from self._of((self._on_board(thickness) for thickness in _BOARDS), forces=False)
+        """A board under a plate that hands cannot get beside on the bare table, or one no larger than the plate."""
+        given = self.scene.support_top - self.scene.cell.table_top
+        boards = _BOARDS if self.task.support is None else (given,) if self.scene.surface_beyond > _FLUSH else ()
+        yield from self._of((self._on_board(thickness) for thickness in boards), forces=False)
 
     def _on_board(self, thickness: float) -> TaskChange:
-        """Put a board of the plate's own outline under it: hands come beside its edges, lower than the plate."""
-        shape = self.task.plate.shape
-        size = {"size": [*shape.size[:2], thickness]} if isinstance(shape, Box) else {"height": thickness}
-        x, y, _, *turn = self.task.plate_pose
-        board = [x, y, round(self.scene.support_top + 0.5 * thickness, 9), *turn]
+        """Put the plate on a board of its own outline: hands come beside its edges, lower than the plate."""
+        shape, top = self.task.plate.shape, self.scene.cell.table_top + thickness
+        size = {"size": [*shape.size[:2], round(thickness, 9)]} if isinstance(shape, Box) else {"height": thickness}
+        x, y, z, *turn = self.task.plate_pose
+        board = [x, y, round(top - 0.5 * thickness, 9), *turn]
         support = Support.model_validate({"shape": {**shape.model_dump(mode="json"), **size}, "pose": board})
-        pose = list(self.task.plate_pose)
-        pose[2] = round(pose[2] + thickness, 9)
+        raised = round(z + top - self.scene.support_top, 9)
         sentence = (
-            f"Put a board of {1e3 * thickness:.0f} mm under the plate, as large as it is, so that hands come beside it."
+            f"Put the plate on a board of {1e3 * thickness:.0f} mm that is as large as it is, so that hands come "
+            "beside it."
         )
-        steps = (put("/support", support.model_dump(mode="json")), put("/plate_pose", [*pose]))
+        steps = (
+            put("/support", support.model_dump(mode="json")),
+            put("/plate_pose", [x, y, raised, *turn]),
+        )
         return TaskChange("support", sentence, steps)
 
     def _to_the_edge(self) -> Iterator[TaskChange]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -43,6 +44,7 @@ from planners.scene.placements import (
     start_positions,
     still_excess,
 )
+from planners.scene.rest import upper_surface
 from planners.scene.shape_source import ShapeSource, Uploads
 
 FINGER_GAP = 0.008
@@ -89,6 +91,18 @@ class PlateLiftScene:
     def T_world_plate(self) -> Transform:
         """The plate at the start."""
         return self.plate.T_world_body
+
+    @property
+    def surface_beyond(self) -> float:
+        """How far what the plate lies on reaches beyond it, at the side where that is least [m]; inf on the table."""
+        top = None
+        if self.support is not None and self.support_name == "support":
+            top = upper_surface("support", self.support.solid, self.support.T_world_body)
+        if top is None:
+            return math.inf
+        corners = self.plate.outline @ self.T_world_plate[:2, :2].T + self.T_world_plate[:2, 3]
+        middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+        return max(0.0, float(polygon.depth_inside(top.outline, middles).min()))
 
     def bodies(self) -> tuple[Body, ...]:
         """Return the bodies the task brings: plate, support if any, cup, cable, obstacles."""

@@ -1,4 +1,4 @@
-"""Measure studies: the three models of the lifter side by side, and a map of cup places on all cores."""
+"""Measure studies and remedies: models of the lifter side by side, a map of cup places, what helps unsolved lifts."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from planners.progress import silent
 from planners.study.examine import PointExaminer
 from planners.study.study import Study
 from planners.study.study_map import StudyMap, StudyPoint
 from tests.benchmarks.machine import ROOT
+from tests.benchmarks.random_lifts import drawn, refusal
 from tests.benchmarks.tasks import Note, cpu_seconds, task_body, timed
 from workers.solver.pipeline import Pipeline
+from workers.solver.protocol import SolverRequest
 
 MODELS = ("paper", "cable", "dexnet")
 MAPPED = "ab1"
@@ -72,3 +76,31 @@ def cup_map(places: int, note: Note) -> MapFigures:
     alone = cpu_seconds(lambda: [PointExaminer(solver).examine(study, index) for index in sample])
     note("studies: points one by one")
     return MapFigures(found, seconds, shared / len(sample), alone / len(sample))
+
+
+@dataclass(frozen=True)
+class RemedySearch:
+    """What looking for remedies of one lift came to."""
+
+    seed: int
+    found: int
+    """Changes of the task that were planned and certified."""
+    seconds: float
+    """Wall clock, on a machine that does nothing else [s]."""
+
+
+def remedies(lifts: int, note: Note) -> list[RemedySearch]:
+    """Look for what helps with so many random lifts that have no plan, one after the other."""
+    pipeline = Pipeline.load().warm_up()
+    searches: list[RemedySearch] = []
+    for seed in count():
+        if len(searches) >= lifts:
+            return searches
+        if refusal(seed, pipeline.solver.cells) is None:
+            body = {**drawn(seed), "options": {"simulate": False}}
+            plan = pipeline.solve(SolverRequest("benchmark", body), silent)
+            if plan.outcome != "solved":
+                seconds = dict(plan.statistics.times)["remedies"]
+                searches.append(RemedySearch(seed, len(plan.explanation.remedies or ()), seconds))
+                note(f"studies: remedies of seed {seed}")
+    raise AssertionError

@@ -71,6 +71,8 @@ class Effort:
     """Of each cell."""
     study_places: int = 12
     """Of the cup along each axis of the plate, in the map of a study."""
+    remedy_searches: int = 12
+    """Lifts without a plan for which what helps is looked for."""
     frames: int = 200
     """Of each kind, for perception."""
     scan_share: float = 1.0
@@ -83,6 +85,6 @@ QUICK = Effort(
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
     fuzz_cases=0, fleet=False, random_lifts=2, reserve_runs=1,
-    cells=("dual_ur3_tool",), cell_tasks=1, study_places=2,
+    cells=("dual_ur3_tool",), cell_tasks=1, study_places=2, remedy_searches=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

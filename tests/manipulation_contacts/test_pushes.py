@@ -162,13 +162,16 @@ def test_samplings_that_mean_nothing_are_refused(wrong):
         PushSampling(**wrong)
 
 
+@pytest.mark.parametrize("beyond", [0.0, 0.004, 0.5])
 @pytest.mark.parametrize("margin", [0.001, 0.003])
-def test_a_plate_on_the_table_is_pushed_at_its_sides_if_it_is_thicker_than_the_least(margin: float) -> None:
-    """The tip's lowest point keeps the margin from the table beside a plate that is just thicker, and only there."""
+def test_a_plate_is_pushed_at_its_sides_if_it_is_thicker_than_the_least(margin: float, beyond: float) -> None:
+    """The tip keeps the margin from what a plate lies on that is just thicker, and only there."""
     sampling = PushSampling()
-    least = least_thickness(TIP, margin, sampling)
+    least = least_thickness(TIP, margin, sampling, beyond)
     for thickness, has_room in ((least + 1e-4, True), (least - 1e-4, False)):
         plate = ConvexPrism.from_outline(rectangle(0.3, 0.3), thickness)
+        half, middle = np.array([0.15 + beyond, 0.15 + beyond, 0.025]), np.array([0.0, 0.0, -0.5 * thickness - 0.025])
         at_sides = [push for push in generate_pushes(plate, TIP, sampling) if abs(push.normal[2]) < 0.5]
-        lowest = min(push.T_plate_tcp[0, 2, 3] - TIP + 0.5 * thickness for push in at_sides)
-        assert (lowest >= margin) == has_room
+        centres = np.array([push.T_plate_tcp[0, :3, 3] for push in at_sides])
+        distances = np.linalg.norm(np.maximum(np.abs(centres - middle) - half, 0.0), axis=1)
+        assert (distances.min() >= TIP + margin) == has_room

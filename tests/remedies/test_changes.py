@@ -94,15 +94,41 @@ def test_a_board_under_a_plate_is_as_large_as_it_is() -> None:
     assert scene.support.solid.surface()[0][:, :2].max(axis=0) == pytest.approx([0.15, 0.1])
 
 
-def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres() -> None:
-    thin = {"shape": {"type": "box", "size": [0.3, 0.3, 0.012]}, "mass": 2.0}
+def thin_plate(thickness: float, *, beyond: float | None) -> Any:
+    """Return the task of a thin plate on a board that reaches so far beyond it, or on the bare table."""
     options = {"remedies": False, "simulate": False, "contact_density": 0.25, "hold_density": 0.5}
-    plan = solve(posted("ab1", plate=thin, plate_pose=[0.3, 0, TOP + 0.006, 1, 0, 0, 0], options=options))
+    plate = {"shape": {"type": "box", "size": [0.3, 0.3, thickness]}, "mass": 2.0}
+    if beyond is None:
+        return posted("ab1", plate=plate, plate_pose=[0.3, 0, TOP + 0.5 * thickness, 1, 0, 0, 0], options=options)
+    side = 0.3 + 2.0 * beyond
+    support = {"shape": {"type": "box", "size": [side, side, 0.05]}, "pose": [0.3, 0, TOP + 0.025, 1, 0, 0, 0]}
+    pose = [0.3, 0, TOP + 0.05 + 0.5 * thickness, 1, 0, 0, 0]
+    return posted("ab1", plate=plate, support=support, plate_pose=pose, options=options)
+
+
+@pytest.mark.parametrize("beyond", [None, 0.02])
+def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres(beyond: float | None) -> None:
+    plan = solve(thin_plate(0.012, beyond=beyond))
     cause = plan.explanation.causes[0]
     assert plan.outcome == "not_found"
     assert (cause.needed, cause.available, cause.unit) == (pytest.approx(0.016), pytest.approx(0.012), "m")
     assert "16 mm" in plan.explanation.summary
-    assert "board" in plan.explanation.summary
+    assert ("board" in plan.explanation.summary) == (beyond is None)
+
+
+def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_than_itself() -> None:
+    task = thin_plate(0.012, beyond=0.02)
+    assert isinstance(task, PlateLiftTask)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+    changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+    (change,) = changes._board()
+    scene = change.built(task, build_scene)
+    assert scene is not None
+    assert scene.surface_beyond == pytest.approx(0.0, abs=1e-9)
+    assert scene.support_top == pytest.approx(changes.scene.support_top)
+    flush = LiftChanges(change.applied(task), build_scene, LiftSettings(), Effort(0), silent)  # type: ignore[arg-type]
+    flush._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+    assert list(flush._board()) == []
 
 
 def test_a_goal_far_off_comes_nearer_the_least_way_first(shelf: PlanShelf) -> None:

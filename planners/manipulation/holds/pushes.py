@@ -108,15 +108,17 @@ def generate_pushes(
     return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
 
 
-def least_thickness(tip_radius: float, margin: float, sampling: PushSampling) -> float:
-    """Return the thickness [m] up to which no plate is pushed at its sides where what it lies on reaches beyond them.
+def least_thickness(tip_radius: float, margin: float, sampling: PushSampling, beyond: float = math.inf) -> float:
+    """Return the thickness [m] up to which no plate is pushed at its sides, for want of room above what it lies on.
 
     Args:
         tip_radius: of the stick's hemispherical tip [m].
         margin: distance that the tip keeps from what the plate lies on [m].
         sampling: how close to the top face a plate is pushed.
+        beyond: how far what it lies on reaches beyond the plate [m].
     """
-    return tip_radius + margin + sampling.top_margin
+    aside = max(0.0, tip_radius - beyond)
+    return math.sqrt(max(0.0, (tip_radius + margin) ** 2 - aside**2)) + sampling.top_margin
 
 
 def given_pushes(given: Sequence[GivenPush], tip_radius: float, rolls: int) -> tuple[PlatePush, ...]:

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -53,6 +54,23 @@ class HoldKernel(NamedTuple):
     """(hand poses, 4, 4)"""
     postures: np.uint64
     """Those that are asked for, as a bit set."""
+
+
+class Closeness(IntEnum):
+    """How near to holding the plate a posture is that does not, the nearest first."""
+
+    TOUCHING = 0
+    """The arm reaches it, and something is in the way."""
+    TOUCHING_ITSELF = 1
+    BEYOND_LIMITS = 2
+    NOWHERE = 3
+
+
+class Hindrance(NamedTuple):
+    """What keeps a hand from a hold."""
+
+    closeness: Closeness
+    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,28 +147,34 @@ class HandReach:
         _reach(self.kernel, self.alone.kernel(), self.hand_only.kernel(), T_world_plates, T_plate_flange, q, result)
         return result
 
-    def hindrance(self, T_world_plate: Transform, hold: int) -> str | None:
+    def hindrance(self, T_world_plate: Transform, hold: int) -> Hindrance | None:
         """Say why no posture of a hold reaches a plate pose, by the postures that come closest to it; None if one does.
 
-        A posture that touches something is closer than one beyond its joints' limits, which is closer than none.
         Slow: for explanations.
         """
         joints = slice(self.first_joint, self.first_joint + 6)
-        arm, touching = self.arm, Counter[str]()
-        reason = f"the {arm.name} arm does not reach so far"
+        arm, found = self.arm, Counter[Hindrance]()
         for posture in range(BRANCHES * self.T_plate_flange.shape[1]):
             q = self.start_positions.copy()
             q[joints] = self.follow(T_world_plate[None], hold, posture)[0]
             if not np.isfinite(q).all():
-                continue
-            if not within_limits(q[joints], arm.position_min, arm.position_max):
+                found[Hindrance(Closeness.NOWHERE, f"the {arm.name} arm does not reach so far")] += 1
+            elif not within_limits(q[joints], arm.position_min, arm.position_max):
                 reason = f"a joint of the {arm.name} arm would be beyond its limits"
-                continue
-            pair = int(self.alone.first_collisions(T_world_plate[None], q)[0])
-            if pair < 0:
-                return None
-            touching["{} would touch {}".format(*self.alone.query.pair_names(pair))] += 1
-        return max(touching, key=touching.__getitem__) if touching else reason
+                found[Hindrance(Closeness.BEYOND_LIMITS, reason)] += 1
+            else:
+                pair = int(self.alone.first_collisions(T_world_plate[None], q)[0])
+                if pair < 0:
+                    return None
+                found[self._touching(pair)] += 1
+        return min(found, key=lambda each: (each.closeness, -found[each]))
+
+    def _touching(self, pair: int) -> Hindrance:
+        names = self.alone.query.pair_names(pair)
+        if all(name.startswith(f"{self.arm.name}_") for name in names):
+            reason = f"the {self.arm.name} arm would touch itself, {names[0]} and {names[1]}"
+            return Hindrance(Closeness.TOUCHING_ITSELF, reason)
+        return Hindrance(Closeness.TOUCHING, "{} would touch {}".format(*names))
 
     def track(
         self,
