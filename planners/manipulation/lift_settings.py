@@ -46,9 +46,7 @@ class LiftSettings:
     assignments: int = 6
     """Choices of postures whose motion is tried before a sequence is given up."""
     sequences: int = 400
-    """Sequences that are checked before the planner gives up: with more poses and holds each takes longer, and as many
-    fewer are checked, but `least_sequences`."""
-    least_sequences: int = 40
+    """Sequences that are checked before the planner gives up."""
     largest_graph: int = 2_400_000
     """Edges of the graph that fit into 1 GiB of memory: larger samplings are not searched, but thinned."""
     least_thinning: float = 0.25
@@ -58,10 +56,8 @@ class LiftSettings:
 
     def scaled(self, contacts: float, holds: float) -> LiftSettings:
         """Return settings with so many times as many plate poses in contact, and grips and pushes."""
-        fewer = round(self.sequences / max(1.0, contacts * holds))
         return replace(
             self,
-            sequences=max(fewer, min(self.sequences, self.least_sequences)),
             sampling=self.sampling.scaled(contacts),
             grips=replace(self.grips, count=max(1, round(self.grips.count * holds))),
             pushes=replace(self.pushes, count=max(1, round(self.pushes.count * holds))),

@@ -4,8 +4,7 @@
 /** How often the list is asked for, and how often while somebody waits for a plan. */
 const POLL_MILLISECONDS = 3000;
 const BUSY_MILLISECONDS = 800;
-/** How often the address is made to lead to what is shown, and how long after a move the camera is asked for. */
-const ADDRESS_MILLISECONDS = 500;
+/** So long after a move the camera is asked for. */
 const CAMERA_MILLISECONDS = 400;
 const PAGE_SIZE = 50;
 const DAY_MILLISECONDS = 24 * 3600 * 1000;
@@ -87,7 +86,7 @@ connection.onplan = (description) => {
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);
   player.open(description);
-  if (moment) showMoment(moment);
+  if (moment) player.visitMoment(moment);
   moment = null;
   const base = `../v1/plans/${description.id}`;
   document.getElementById("links").replaceChildren(
@@ -141,31 +140,12 @@ function waitForPicture() {
   look();
 }
 
-/** What the address says of a moment: the time [s], what is played, and the camera: its place and target [m]. */
-function readMoment() {
-  const told = new URLSearchParams(location.hash.slice(1));
-  const numbers = (told.get("camera") ?? "").split(",").map(Number);
-  const time = Number(told.get("t") ?? NaN);
-  return { time: Number.isFinite(time) ? time : null, source: told.get("source") === "simulation" ? "simulation" : "plan",
-    camera: numbers.length === 6 && numbers.every(Number.isFinite) ? numbers : null };
-}
-
 /** Have the address lead to the moment and the camera that are shown now. */
 function writeMoment() {
   if (loaded === null || loaded !== wanted || player.playing || moment) return;
-  const parts = [];
-  if (player.time > 0 || player.sourceName !== "plan") parts.push(`t=${Number(player.time.toFixed(2))}`);
-  if (player.sourceName !== "plan") parts.push(`source=${player.sourceName}`);
-  if (camera) parts.push(`camera=${camera.join()}`);
+  const parts = [...player.moment, ...(camera ? [`camera=${camera.join()}`] : [])];
   const address = `?plan=${wanted}${parts.length ? `#${parts.join("&")}` : ""}`;
   if (location.search + location.hash !== address) history.replaceState(null, "", address);
-}
-
-/** Show the moment that the address tells of. */
-function showMoment({ time, source }) {
-  if (time === null) return;
-  player.choose(source);
-  player.seek(time);
 }
 
 /** Ask for the camera's place whenever somebody may have moved it. */
@@ -405,7 +385,7 @@ function listItem(plan) {
 
 document.getElementById("older").onclick = () => refreshList(true);
 setInterval(writeMoment, ADDRESS_MILLISECONDS);
-window.addEventListener("hashchange", () => loaded === wanted && loaded && showMoment(readMoment()));
+window.addEventListener("hashchange", () => loaded === wanted && loaded && player.visitMoment(readMoment()));
 filter.oninput = () => refreshList();
 filter.onsubmit = (event) => event.preventDefault();
 wait("Connecting to the service …");

@@ -4,6 +4,18 @@
 const SPEEDS = [0.25, 0.5, 1, 2, 4];
 const SOURCES = ["plan", "simulation", "execution"];
 
+/** How often the address is made to lead to what is shown. */
+const ADDRESS_MILLISECONDS = 500;
+
+/** What the address says of a moment: the time [s], what is played, and the camera: its place and target [m]. */
+function readMoment() {
+  const told = new URLSearchParams(location.hash.slice(1));
+  const numbers = (told.get("camera") ?? "").split(",").map(Number);
+  const time = Number(told.get("t") ?? NaN);
+  return { time: Number.isFinite(time) ? time : null, source: SOURCES.includes(told.get("source")) ? told.get("source") : "plan",
+    camera: numbers.length === 6 && numbers.every(Number.isFinite) ? numbers : null };
+}
+
 class Player {
   /** @param scene what draws: show(source, time), look(view), and what the panel asks of it */
   constructor(scene) {
@@ -66,6 +78,19 @@ class Player {
     this.charts.show(this.source);
     this.timeline.show(this.source, this.colours);
     this.seek(this.time);
+  }
+
+  /** What the address has to say of the moment that is shown; nothing of the plan's begin. */
+  get moment() {
+    const parts = this.time > 0 || this.sourceName !== "plan" ? [`t=${Number(this.time.toFixed(2))}`] : [];
+    return this.sourceName === "plan" ? parts : [...parts, `source=${this.sourceName}`];
+  }
+
+  /** Show a moment that an address tells of. */
+  visitMoment({ time, source }) {
+    if (time === null) return;
+    this.choose(source);
+    this.seek(time);
   }
 
   headline() {

@@ -102,3 +102,10 @@ const waiting = setInterval(() => {
 const APPEARANCE = /(__VISER_EMBED_CONFIG__=\{darkMode:)\w+/;
 frame.srcdoc = RECORDED.page.replace(APPEARANCE, `$1${DARK.matches}`);
 player.open(RECORDED.description);
+player.visitMoment(readMoment());
+window.addEventListener("hashchange", () => player.visitMoment(readMoment()));
+setInterval(() => {
+  if (player.playing) return;
+  const address = player.moment.join("&");
+  if (location.hash.slice(1) !== address) history.replaceState(null, "", address ? `#${address}` : location.pathname + location.search);
+}, ADDRESS_MILLISECONDS);
