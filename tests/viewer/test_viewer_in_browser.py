@@ -352,8 +352,13 @@ def test_a_recording_plays_plan_and_simulation_with_no_server(
     file = tmp_path / "recording.html"
     with service.client() as client:
         file.write_text(client.get(plans["pb1"]["links"]["recording"]).raise_for_status().text, encoding="utf-8")
-    page = open_page(file.as_uri(), offline=True)
+    page = open_page(f"{file.as_uri()}#t=1.5&source=simulation", offline=True)
     wait_for_plan(page, "pb1")
+    assert page.evaluate("[player.sourceName, player.time]") == ["simulation", 1.5]
+    page.evaluate("player.seek(2.25)")
+    page.wait_for_function("location.hash === '#t=2.25&source=simulation'")
+    page.evaluate("player.choose('plan'), player.seek(0)")
+    page.wait_for_function("location.hash === ''")
     before, lines = settled(page), now_lines(page)
     panels = page.frame_locator("#scene-frame").locator(".mantine-Paper-root")
     assert panels.count() > 0
