@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from playwright.sync_api import Browser, Page, ViewportSize
+from playwright.sync_api import Browser, Page, ViewportSize, expect
 
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
@@ -30,6 +30,8 @@ EDITOR, COMPARISON = "editor", "comparison"
 """Names of the pictures of a lift that is changed after it was planned, and of it beside what it was before."""
 SCENE = "viewer-scene"
 """Name of the picture of the scan that is shipped."""
+STUDY, PLACES, EDGE = "study-viewer", 12, 0.12
+"""Name of the picture of a map of cup places; how many it has along each side, the outermost from the middle [m]."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,15 @@ def main(wanted: list[str]) -> None:
             page.close()
         if not wanted or {EDITOR, COMPARISON} & set(wanted):
             photograph_editor(browser, service.address)
+        if not wanted or STUDY in wanted:
+            axes = [{"pointer": f"/cup/position/{axis}", "min": -EDGE, "max": EDGE, "count": PLACES} for axis in (0, 1)]
+            study = client.post("/v1/studies", json={"task": task("ab1.json"), "axes": axes}).json()
+            page = open_page(study["links"]["view"], WINDOW)
+            expect(page.locator("#state")).to_contain_text(f"{PLACES**2} of {PLACES**2} points", timeout=300e3)
+            page.locator("#drawing .cell.best").click()
+            page.wait_for_timeout(DRAWING_MILLISECONDS)
+            page.screenshot(path=DOCS / f"{STUDY}.png")
+            page.close()
         if not wanted or SCENE in wanted:
             scene = client.post("/v1/scenes", files=shipped().form()).json()
             page = open_page(scene["links"]["view"], WINDOW)
