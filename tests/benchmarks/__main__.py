@@ -42,6 +42,7 @@ PARTS = {
         Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),
         Part("load", "The service: under load", service_part.measure_load),
+        Part("fairness", "The service: many owners", service_part.measure_fairness),
         Part("fuzz", "The service: bad input", service_part.measure_bad_input),
         Part("faults", "The service: killed at random", service_part.measure_faults),
         Part("fleet", "The service: a fleet in containers", fleet_part.measure),

@@ -19,6 +19,7 @@ from tests.benchmarks import (
     bench_simulation,
     bench_tool_motion,
 )
+from tests.benchmarks.bench_fairness import FairnessEffort
 from tests.benchmarks.cell_tasks import EXAMPLES
 from tests.benchmarks.load import LoadEffort
 from tests.benchmarks.random_piles import PILES, Pile
@@ -50,6 +51,7 @@ class Effort:
     soaks: tuple[tuple[str, bool, int, int], ...] = (("PostgreSQL", True, 500, 110), ("SQLite", False, 100, 25))
     """Where, whether that is PostgreSQL, jobs, kills."""
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
+    fairness: FairnessEffort | None = FairnessEffort()  # noqa: RUF009 - frozen
     fuzz_cases: int = 100_000
     fleet: bool = True
     piles: tuple[Pile, ...] = PILES
@@ -84,7 +86,7 @@ QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
-    fuzz_cases=0, fleet=False, random_lifts=2, reserve_runs=1,
+    fairness=None, fuzz_cases=0, fleet=False, random_lifts=2, reserve_runs=1,
     cells=("dual_ur3_tool",), cell_tasks=1, study_places=2, remedy_searches=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

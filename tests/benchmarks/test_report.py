@@ -57,6 +57,7 @@ SECTIONS = {
     ),
     "Kernels": ("Aimed at and reached", "Beside other libraries", "Kinematics"),
     "The service: under load": ("Aimed at and reached",),
+    "The service: many owners": ("Aimed at and reached",),
     "The service: bad input": ("Aimed at and reached",),
     "The service: killed at random": ("Aimed at and reached",),
     "The service: a fleet in containers": ("Aimed at and reached",),
