@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
@@ -30,7 +31,12 @@ PLACES = [[0.1, 0.0], [-0.12, -0.04], [0.0, 0.0], [0.12, 0.12], [0.149, 0.0]]
 
 @pytest.fixture(scope="module")
 def solver() -> TaskSolver:
-    return Pipeline.load().solver
+    """Return a solver that no study may have simulate anything."""
+
+    def simulate(*_: object) -> NoReturn:
+        raise AssertionError("no point of a study tells of a simulation")
+
+    return replace(Pipeline.load().solver, simulate=simulate)
 
 
 def examined(study: Study, solver: TaskSolver) -> list[StudyPoint]:
