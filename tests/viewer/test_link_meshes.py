@@ -12,6 +12,8 @@ import pytest
 import trimesh
 import viser
 from scipy.spatial import cKDTree
+from support.plan_shelf import PlanShelf
+from support.samples import among
 
 from app.viewer import link_meshes
 from app.viewer.body_drawing import ArmDrawing, Drawings, link_files
@@ -43,11 +45,12 @@ class CountedDrawings(Drawings):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("drawings")
+def folder(shelf: PlanShelf) -> Path:
+    """Return where drawings are that services of other tests need as well."""
+    return shelf.drawings
 
 
-@pytest.mark.parametrize("cell", known_cells())
+@pytest.mark.parametrize("cell", among(known_cells(), ["dual_ur3e_lift", "dual_ur3_tool"]))
 def test_no_arm_with_its_hand_takes_more_than_a_megabyte(cell: str, folder: Path) -> None:
     """Cylinders stand in for arms of which no meshes are published, and are light however they are drawn."""
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
