@@ -22,6 +22,8 @@ from app.viewer.palette import MEANINGS
 REQUESTED, LEAST = 0.1, 0.04
 SQUEEZE = 60.0
 WINDOW: ViewportSize = {"width": 1280, "height": 720}
+SMALL: ViewportSize = {"width": 480, "height": 320}
+"""Of a window whose scene is drawn, in software."""
 PIXELS_PER_POINT = 0.5
 POLLS_MILLISECONDS = 7e3
 """In which the page asks twice for the list of plans."""
@@ -128,7 +130,8 @@ def open_window(browser: Browser) -> Iterator[Callable[..., Page]]:
     errors: list[str] = []
 
     def open_(**options: Any) -> Page:
-        page = browser.new_context(viewport=WINDOW, device_scale_factor=PIXELS_PER_POINT, **options).new_page()
+        settings = {"viewport": WINDOW, "device_scale_factor": PIXELS_PER_POINT, **options}
+        page = browser.new_context(**settings).new_page()
         page.set_default_timeout(LOADING_MILLISECONDS)
         page.on("pageerror", lambda error: errors.append(str(error)))
         return page
@@ -368,7 +371,7 @@ def test_a_plan_that_was_not_found_says_why_and_so_does_its_recording(
     file = tmp_path / "recording.html"
     with service.client() as client:
         file.write_text(client.get(plans[name]["links"]["recording"]).raise_for_status().text, encoding="utf-8")
-    page = open_window(offline=True)
+    page = open_window(offline=True, viewport=SMALL)
     page.goto(file.as_uri())
     wait_for_plan(page, name)
     assert document["explanation"]["summary"] in words(page, "#message")
