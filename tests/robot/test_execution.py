@@ -334,13 +334,15 @@ def _execute_alone(addresses: dict[ArmName, str], pipe: Connection) -> None:
 
 
 @pytest.mark.parametrize("late", among([0.0, 0.04], [0.04]))
-def test_a_step_that_bears_stops_from_less_is_slower_and_brakes_as_gently(late: float) -> None:
+def test_a_step_that_bears_stops_from_less_is_slower_and_brakes_as_gently(
+    late: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A stop takes as long from a fifth of the speed as from all of it, after a faster step and on a late network."""
     first, second, *others = SCHEDULE.steps
     slow = replace(SCHEDULE, steps=(first, replace(second, stop_share=0.2), *others))
     with cell() as site:
         for arm in ARMS:
-            site.links[arm].pace = delayed(site.clock, late, site.links[arm].pace)
+            monkeypatch.setattr(site.links[arm], "pace", delayed(site.clock, late, site.links[arm].pace))
 
         def confirm(step: ProgramStep | None) -> bool:
             if step is not None and step.number == second.number:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, Route, expect
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
 from support.own_cell import station, station_files, written, zipped
 from support.service import FAKE_SOLVER, ServiceProcess, running_service
 
@@ -28,6 +28,7 @@ def page(service: ServiceProcess) -> Iterator[Page]:
     with running_browser() as browser:
         page = browser.new_page()
         page.set_default_timeout(LOADING_MILLISECONDS)
+        draw_no_scene(page)
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(f"{service.address}/viewer/cells")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
 from support.plan_shelf import PlanShelf
 from support.samples import among, sample
 from support.scene_pictures import settled
@@ -144,7 +144,7 @@ def open_window(browser: Browser) -> Iterator[Callable[..., Page]]:
 def window(open_window: Callable[..., Page]) -> Page:
     """Return a window without the scene's picture: drawn without a graphics card, it keeps the machine busy."""
     page = open_window()
-    page.route("**/viewer/scene/**", lambda route: route.abort())
+    draw_no_scene(page)
     return page
 
 

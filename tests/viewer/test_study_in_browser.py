@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from support.browser import SCHEMES, WINDOWS, needs_browser, running_browser, serious_findings
+from support.browser import SCHEMES, WINDOWS, draw_no_scene, needs_browser, running_browser, serious_findings
 from support.samples import sample
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, task
 from support.serving import served
@@ -124,7 +124,7 @@ def test_the_page_is_readable_at_every_width_in_light_and_dark(page: Page, addre
 
 @pytest.mark.parametrize("start", ["/", "/viewer/"])
 def test_the_list_of_studies_is_found_from_where_people_begin(page: Page, start: str) -> None:
-    page.route("**/viewer/scene/**", lambda route: route.fulfill(content_type="text/html", body="<title>Scene</title>"))
+    draw_no_scene(page)
     page.goto(start)
     page.get_by_role("link", name="Studies").click()
     page.wait_for_url("**/viewer/study")
