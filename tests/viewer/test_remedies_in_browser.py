@@ -63,7 +63,7 @@ def service(shelf: PlanShelf, data_dir: Path, tmp_path_factory: pytest.TempPathF
 def window() -> Iterator[Page]:
     """Return a window without the scene's picture."""
     with running_browser() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page = browser.new_page(viewport={"width": 1280, "height": 720}, device_scale_factor=0.5)
         page.set_default_timeout(LOADING_MILLISECONDS)
         draw_no_scene(page)
         yield page
