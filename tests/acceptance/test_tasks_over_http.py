@@ -13,7 +13,7 @@ import pytest
 from geometry.mesh_shapes import angle, file_of
 from support.plan_shelf import PlanShelf
 from support.samples import among, sample
-from support.service import ServiceProcess, finished, running_service, task, warmed
+from support.service import ServiceProcess, finished, running_service, task, unsolved_task, warmed
 
 from workers.settings import HANDOVERS_FOLDER
 
@@ -21,6 +21,12 @@ GRAVITY = 9.81
 RESERVE = 0.1
 """What tasks ask for by default [1]."""
 LARGEST_PILE_BYTES = 3_000_000
+WITHOUT_A_PLAN = (
+    ("ab1_under_beams", "not_found", "left_beam"),
+    ("lid_under_roof", "not_found", "roof"),
+    ("lid_too_heavy", "infeasible", "heavier than the cup bears"),
+)
+"""Shipped tasks, what comes of them, and words about what is in the way."""
 
 Solved = Callable[[str], tuple[dict[str, Any], dict[str, Any]]]
 
@@ -48,7 +54,9 @@ def client(service: ServiceProcess) -> Iterator[httpx.Client]:
 @pytest.fixture(scope="module")
 def sharing(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     """Talk to a service whose plans other tests look at too."""
-    with running_service(tmp_path_factory.mktemp("sharing"), shelf.solver) as service, service.client() as client:
+    folder = tmp_path_factory.mktemp("sharing")
+    (folder / "drawings").symlink_to(shelf.drawings)
+    with running_service(folder, shelf.solver) as service, service.client() as client:
         yield client
 
 
@@ -66,7 +74,7 @@ def solved(shelf: PlanShelf, sharing: httpx.Client) -> Solved:
     """Return how a shipped task's plan and document are had; each is posted once."""
 
     def one(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
-        body = task(f"{name}.json")
+        body = unsolved_task(name) if name in {case[0] for case in WITHOUT_A_PLAN} else task(f"{name}.json")
         if sample(quick=True, whole=False):
             # Planned here, where planners are loaded once for all.
             shelf.document(body)
@@ -132,11 +140,7 @@ def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(s
 
 @pytest.mark.parametrize(
     ("name", "outcome", "in_the_way"),
-    [
-        ("ab1_under_beams", "not_found", "left_beam"),
-        ("lid_under_roof", "not_found", "roof"),
-        ("lid_too_heavy", "infeasible", "heavier than the cup bears"),
-    ],
+    among(WITHOUT_A_PLAN, [case for case in WITHOUT_A_PLAN if case[0] != "lid_under_roof"]),
 )
 def test_an_example_without_a_plan_names_what_is_in_its_way(
     sharing: httpx.Client, solved: Solved, name: str, outcome: str, in_the_way: str
@@ -192,7 +196,8 @@ def test_handovers_of_the_shipped_tools_are_there_before_the_first_job_and_are_n
     kept = handovers_of(data_dir)
     # Of each of the two tools, standing and lying.
     assert len(kept) == 4
-    plan, _ = solve(client, task("can_stack.json"))
+    stack = task("can_stack.json")
+    plan, _ = solve(client, sample({**stack, "objects": stack["objects"][:1], "options": {"simulate": False}}, stack))
     events = client.get(plan["links"]["events"]).text
     assert '"stage":"handovers"' not in events.replace(" ", "")
     assert handovers_of(data_dir) == kept

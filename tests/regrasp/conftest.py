@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from support.plan_shelf import PlanShelf
 
 from planners.cell.cell import Cell, load_cell
 from planners.cell.hand import Gripper
-from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, build_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings
 from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings, tool_grasps
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.suction_tool import SuctionTool, load_tool
@@ -50,10 +51,10 @@ def long_workcell(cell: Cell, long_tool: SuctionTool) -> ToolWorkcell:
 
 
 @pytest.fixture(scope="session")
-def short_handovers(cell: Cell, short_tool: SuctionTool, short_grasps: ToolGrasps) -> HandoverDatabase:
-    return build_handovers(cell, short_tool, short_grasps, HandoverSettings())
+def short_handovers(shelf: PlanShelf, cell: Cell, short_tool: SuctionTool) -> HandoverDatabase:
+    return shelf.handovers(cell, short_tool, HandoverSettings())
 
 
 @pytest.fixture(scope="session")
-def long_handovers(cell: Cell, long_tool: SuctionTool, long_grasps: ToolGrasps) -> HandoverDatabase:
-    return build_handovers(cell, long_tool, long_grasps, HandoverSettings())
+def long_handovers(shelf: PlanShelf, cell: Cell, long_tool: SuctionTool) -> HandoverDatabase:
+    return shelf.handovers(cell, long_tool, HandoverSettings())

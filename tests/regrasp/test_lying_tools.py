@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.plan_shelf import PlanShelf
 
 from planners.geometry.pose import Transform, rotation_z, to_pose7, transform
 from planners.plan.verdicts import PlanningOutcome
 from planners.progress import silent
-from planners.regrasp.grasps.handovers import HandoverDatabase, build_handovers
+from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.grasps.tool_grasps import Fingertips, ToolGrasps, tool_grasps
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_plan import ToolPlan
@@ -57,9 +58,8 @@ def tool(which, long_tool, short_tool) -> SuctionTool:
 
 
 @pytest.fixture(scope="module")
-def handovers(cell, tool, gripper) -> HandoverDatabase:
-    settings = LYING.handovers
-    return build_handovers(cell, tool, tool_grasps(tool, gripper, settings.grasps), settings)
+def handovers(shelf: PlanShelf, cell, tool) -> HandoverDatabase:
+    return shelf.handovers(cell, tool, LYING.handovers)
 
 
 @pytest.fixture(scope="module")

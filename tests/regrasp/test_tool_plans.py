@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.plan_shelf import PlanShelf
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.plan.segment import SegmentKind
 from planners.plan.verdicts import PlanningOutcome
 from planners.progress import silent
-from planners.regrasp.grasps.handovers import HandoverDatabase, build_handovers
-from planners.regrasp.grasps.tool_grasps import tool_grasps
+from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.planner import SuctionToolPlanner
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -33,11 +33,9 @@ def scene_of(name: str, **changes: object) -> SuctionToolScene:
 
 
 @pytest.fixture(scope="module")
-def handovers() -> HandoverDatabase:
+def handovers(shelf: PlanShelf) -> HandoverDatabase:
     scene = scene_of("domino_pile")
-    gripper = scene.cell.arms["left"].hand
-    grasps = tool_grasps(scene.tool, gripper, SETTINGS.handovers.grasps)
-    return build_handovers(scene.cell, scene.tool, grasps, SETTINGS.handovers)
+    return shelf.handovers(scene.cell, scene.tool, SETTINGS.handovers)
 
 
 @pytest.fixture(scope="module", params=["domino_pile", "can_stack", "tissue_pile"])

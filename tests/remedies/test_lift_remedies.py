@@ -75,9 +75,11 @@ def test_remedies_are_left_out_where_nobody_wants_them() -> None:
 
 
 @pytest.mark.parametrize("name", among(("lid_too_heavy", "pb1_weak_cup"), ["lid_too_heavy"]))
-def test_a_proof_is_told_before_remedies_and_given_them_later_as_it_would_have_been_then(name: str) -> None:
+def test_a_proof_is_told_before_remedies_and_given_them_later_as_it_would_have_been_then(
+    name: str, shelf: PlanShelf
+) -> None:
     told: list[Plan] = []
-    solver, task = TaskSolver(ShippedCells(), load_tools()), read_task(posted(name, {}))
+    solver, task = TaskSolver(ShippedCells(), load_tools(), shelf.handovers), read_task(posted(name, {}))
 
     def enough(plan: Plan) -> bool:
         told.append(plan)

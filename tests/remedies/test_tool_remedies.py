@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planners import read_task, solve
+from planners import read_task
+from planners.cell.cell import ShippedCells
 from planners.contract.task_change import changed
 from planners.contract.task_spec import SuctionToolTask, write_task
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
+from planners.planning import TaskSolver
 from planners.remedies.change import Directions, moved_pose
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
-from planners.scene.suction_tool import tool_descriptions
+from planners.scene.suction_tool import load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
+from tests.support.plan_shelf import PlanShelf
 from tests.support.samples import among
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
@@ -39,19 +42,27 @@ def posted(more: dict[str, Any]) -> dict[str, Any]:
     return json.loads((TASKS / "lid_under_roof.json").read_bytes()) | ({"obstacles": []} if more else {}) | more
 
 
+@pytest.fixture(scope="module")
+def solver(shelf: PlanShelf) -> TaskSolver:
+    """Return what `planners.solve` asks, which finds a tool's handovers once and not for each task."""
+    return TaskSolver(ShippedCells(), load_tools(), shelf.handovers)
+
+
 @pytest.fixture(scope="module", params=among(UNSOLVED, ["smaller than the pad"]))
-def unsolved(request: pytest.FixtureRequest) -> tuple[dict[str, Any], Plan]:
+def unsolved(request: pytest.FixtureRequest, solver: TaskSolver) -> tuple[dict[str, Any], Plan]:
     body = posted(UNSOLVED[request.param])
-    return body, solve(read_task(body))
+    return body, solver.solve(read_task(body))
 
 
-def test_every_remedy_stands_a_plan_of_the_changed_task(unsolved: tuple[dict[str, Any], Plan]) -> None:
+def test_every_remedy_stands_a_plan_of_the_changed_task(
+    unsolved: tuple[dict[str, Any], Plan], solver: TaskSolver
+) -> None:
     """Applied to the task as it was posted, and to the one that the plan states."""
     body, plan = unsolved
     assert plan.explanation.remedies
     for remedy in plan.explanation.remedies:
         for task in (body, write_task(plan.task)):
-            again = solve(read_task(changed(task, remedy.patch)))
+            again = solver.solve(read_task(changed(task, remedy.patch)))
             assert (again.outcome, again.certificate and again.certificate.passed) == ("solved", True), remedy.sentence
 
 
@@ -62,14 +73,14 @@ def test_an_obstacle_that_is_named_is_changed_first(unsolved: tuple[dict[str, An
 
 
 @pytest.mark.parametrize("strong", [False, True])
-def test_an_object_that_is_too_heavy_is_made_as_light_as_cup_and_hand_bear(strong: bool) -> None:
+def test_an_object_that_is_too_heavy_is_made_as_light_as_cup_and_hand_bear(strong: bool, solver: TaskSolver) -> None:
     """First as heavy as the weaker of the two bears, to 10 g; whichever of them that is."""
     force = 400.0 if strong else 12.0
     tool = tool_descriptions()["short_asymmetric"].model_dump(mode="json")
     tool["cup"] |= {"max_force": force}
     task = read_task(posted({"objects": [{**DIE, "mass": 5.0}], "tool": tool, "options": {"remedies": False}}))
     assert isinstance(task, SuctionToolTask)
-    scene, plan = build_scene(task), solve(task)
+    scene, plan = build_scene(task), solver.solve(task)
     assert isinstance(scene, SuctionToolScene)
     kinds = [list(kind) for kind in ToolChanges(task, build_scene, plan).by_kind()]
     told = [change.patch[0].value for kind in kinds for change in kind if change.kind == "mass"]

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
+from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_browser = pytest.mark.skipif(
@@ -33,6 +33,8 @@ LOADING_MILLISECONDS = 120e3
 @contextmanager
 def running_browser() -> Iterator[Browser]:
     """Run Chromium for the time of a test."""
+    # A busy machine may take long, and is no fault of the page.
+    expect.set_options(timeout=LOADING_MILLISECONDS)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE_WEBGL))
         # What tests ask of a page is evaluated in it, which our pages forbid; test_pages looks at them as they are.
@@ -40,6 +42,11 @@ def running_browser() -> Iterator[Browser]:
         browser.new_page = partial(browser.new_page, bypass_csp=True)
         yield browser
         browser.close()
+
+
+def draw_no_scene(page: Page) -> None:
+    """Have an empty page in the place of each scene from now on: drawn in software, it keeps the machine busy."""
+    page.route("**/viewer/scene/**", lambda route: route.fulfill(content_type="text/html", body="<title>Scene</title>"))
 
 
 def wait_for_plan(page: Page, name: str) -> None:

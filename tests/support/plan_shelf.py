@@ -15,13 +15,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from planners.cell.cell import Cell
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
 from planners.progress import Progress, silent
+from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, handover_key
 from planners.scene.scene import build_scene, with_centres
+from planners.scene.suction_tool import SuctionTool
 from workers.settings import HANDOVERS_FOLDER
 from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, SolverRequest
+from workers.stores.handover_store import HandoverStore
 
 from .service import ROOT
 
@@ -47,6 +51,15 @@ class PlanShelf:
         folder = self._folder.with_name("drawings")
         folder.mkdir(exist_ok=True)
         return folder
+
+    def handovers(
+        self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress = silent
+    ) -> HandoverDatabase:
+        """Return the handovers of a tool, found once in a run; where another process is finding them, wait for that."""
+        key = handover_key(cell, tool, settings)
+        with (self._folder / f"{key}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return HandoverStore(self._folder / HANDOVERS_FOLDER).get(cell, tool, settings, progress)
 
     @property
     def solver(self) -> tuple[str, ...]:

@@ -27,8 +27,14 @@ def sample(quick: T, whole: T) -> T:
 
 
 def among(cases: Iterable[Any], quick: Sequence[Any]) -> list[Any]:
-    """Return parameters of a test: of all its cases those for every run, and the others marked as slow."""
-    return [case if case in quick else pytest.param(case, marks=pytest.mark.slow) for case in cases]
+    """Return parameters of a test: of all its cases those for every run, and the others marked as slow.
+
+    A case that is a tuple has several parameters.
+    """
+    return [
+        case if case in quick else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+        for case in cases
+    ]
 
 
 def told(cases: Iterable[dict[str, Any]]) -> list[Any]:

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from playwright.sync_api import Page, Route, expect
+from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
 from support.own_cell import station, station_files, written, zipped
 from support.service import FAKE_SOLVER, ServiceProcess, running_service
+
+SHOWN_MILLISECONDS = 200.0
+"""In which a page shows what it was answered."""
 
 pytestmark = needs_browser
 
@@ -25,6 +28,7 @@ def page(service: ServiceProcess) -> Iterator[Page]:
     with running_browser() as browser:
         page = browser.new_page()
         page.set_default_timeout(LOADING_MILLISECONDS)
+        draw_no_scene(page)
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(f"{service.address}/viewer/cells")
@@ -44,6 +48,29 @@ def test_a_cell_is_added_from_a_file_and_looked_at(page: Page, tmp_path: Path) -
     assert page.locator("#lift").get_attribute("href") == "/viewer/new?kind=plate_lift&cell=station"
     assert page.locator("#move").is_hidden()
     assert "cell=" in page.url
+
+
+def test_a_list_that_was_asked_for_before_a_cell_was_added_and_comes_later_hides_it_not(
+    page: Page, service: ServiceProcess, tmp_path: Path
+) -> None:
+    file = tmp_path / "later.json"
+    file.write_bytes(written(station(name="later")))
+    held: list[Route] = []
+    page.route("**/v1/cells", lambda route: route.fallback() if held or is_post(route) else held.append(route))
+    with page.expect_request(f"{service.address}/v1/cells"):
+        page.goto(f"{service.address}/viewer/cells")
+    before = held[0].fetch()
+    page.locator("#file").set_input_files(file)
+    expect(page.locator("#name")).to_have_text("later")
+    with page.expect_response(f"{service.address}/v1/cells"):
+        held[0].fulfill(response=before)
+    page.wait_for_timeout(SHOWN_MILLISECONDS)
+    assert page.locator("#name").inner_text() == "later"
+    page.unroute("**/v1/cells")
+
+
+def is_post(route: Route) -> bool:
+    return route.request.method == "POST"
 
 
 def test_everything_that_is_wrong_is_told(page: Page, tmp_path: Path) -> None:

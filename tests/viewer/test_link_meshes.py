@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 import viser
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
+from support.plan_shelf import PlanShelf
 
 from app.viewer import link_meshes
 from app.viewer.body_drawing import ArmDrawing, Drawings, link_files
@@ -43,8 +44,9 @@ class CountedDrawings(Drawings):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("drawings")
+def folder(shelf: PlanShelf) -> Path:
+    """Return where drawings are that services of other tests need as well."""
+    return shelf.drawings
 
 
 @pytest.mark.parametrize("cell", known_cells())
@@ -88,13 +90,14 @@ def test_what_is_drawn_is_nowhere_far_from_the_mesh(folder: Path, detail: Detail
     """Both ways: nothing sticks out, and nothing is lost."""
     arm = load_cell("dual_ur3e_lift").arms["left"]
     link = link_files(arm, shipped_shelf())[2]
+    assert isinstance(link, MeshLinkFile)
     glb = LinkMeshes(folder).glb(link.mesh, shipped_shelf(), np.eye(4), detail.links)
     drawn = trimesh.load(io.BytesIO(glb), file_type="glb", force="mesh")
     whole = trimesh.load(visual_path(link.mesh, shipped_shelf()), force="mesh", process=False)
     points = [trimesh.sample.sample_surface(mesh, 20_000, seed=1)[0] for mesh in (drawn, whole)]
     diagonal = np.sqrt(3.0) * detail.links.cell
     for a, b in (points, points[::-1]):
-        assert cKDTree(a).query(b)[0].max() < 1.5 * diagonal
+        assert KDTree(a).query(b)[0].max() < 1.5 * diagonal
 
 
 def test_thinning_keeps_the_volume_of_a_closed_body() -> None:
@@ -110,6 +113,7 @@ def test_convex_pieces_are_drawn_as_they_are() -> None:
     ball = trimesh.creation.icosphere(subdivisions=2, radius=0.1)
     ball.apply_translation([1.0, 0.0, 0.0])
     drawn = trimesh.load(io.BytesIO(write_pieces([box.vertices.tolist(), ball.vertices.tolist()])), file_type="glb")
+    assert isinstance(drawn, trimesh.Scene)
     volumes = sorted(part.convex_hull.volume for part in drawn.geometry.values())
     assert volumes == pytest.approx(sorted([box.volume, ball.volume]), rel=1e-5)
     np.testing.assert_allclose(drawn.bounds, trimesh.util.concatenate([box, ball]).bounds, atol=1e-6)

@@ -14,6 +14,7 @@ from support.browser import (
     LOADING_MILLISECONDS,
     SCHEMES,
     WINDOWS,
+    draw_no_scene,
     needs_browser,
     running_browser,
     serious_findings,
@@ -69,7 +70,7 @@ def window(browser: Browser) -> Iterator[Page]:
     """Return a window without the scene's picture; what its console calls an error fails the module."""
     page = browser.new_context(device_scale_factor=0.5).new_page()
     page.set_default_timeout(LOADING_MILLISECONDS)
-    page.route("**/viewer/scene/**", lambda route: route.fulfill(content_type="text/html", body="<title>Scene</title>"))
+    draw_no_scene(page)
     errors: list[str] = []
 
     def listen(message: ConsoleMessage) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from playwright.sync_api import Browser, Page
+from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 
 PAGE = 50
@@ -41,16 +41,22 @@ def plans(service: ServiceProcess) -> list[dict[str, Any]]:
         return [finished(client, plan) for plan in posted]
 
 
-@pytest.fixture
-def window(service: ServiceProcess, plans: list[dict[str, Any]]) -> Iterator[Page]:
-    """Return a window without the scene's picture, with the first page of the list."""
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
     with running_browser() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.set_default_timeout(LOADING_MILLISECONDS)
-        page.route("**/viewer/scene/**", lambda route: route.abort())
-        page.goto(f"{service.address}/viewer/")
-        page.wait_for_function(f"document.querySelectorAll('[data-plan]').length === {PAGE}")
-        yield page
+        yield browser
+
+
+@pytest.fixture
+def window(browser: Browser, service: ServiceProcess, plans: list[dict[str, Any]]) -> Iterator[Page]:
+    """Return a window without the scene's picture, with the first page of the list."""
+    page = browser.new_page(viewport={"width": 1280, "height": 720}, device_scale_factor=0.5)
+    page.set_default_timeout(LOADING_MILLISECONDS)
+    draw_no_scene(page)
+    page.goto(f"{service.address}/viewer/")
+    page.wait_for_function(f"document.querySelectorAll('[data-plan]').length === {PAGE}")
+    yield page
+    page.close()
 
 
 def listed(page: Page, *names: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser, wait_for_plan
+from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
 from support.plan_shelf import PlanShelf
 from support.service import ServiceProcess, finished, running_service, task
 
@@ -63,9 +63,9 @@ def service(shelf: PlanShelf, data_dir: Path, tmp_path_factory: pytest.TempPathF
 def window() -> Iterator[Page]:
     """Return a window without the scene's picture."""
     with running_browser() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page = browser.new_page(viewport={"width": 1280, "height": 720}, device_scale_factor=0.5)
         page.set_default_timeout(LOADING_MILLISECONDS)
-        page.route("**/viewer/scene/**", lambda route: route.abort())
+        draw_no_scene(page)
         yield page
 
 
@@ -88,6 +88,7 @@ def test_the_first_remedy_is_applied_by_one_click_and_its_plan_plays(window: Pag
     with window.expect_request(lambda request: request.method == "POST") as posted:
         first.get_by_role("button").click()
     sent = posted.value.post_data_json
+    assert sent is not None
     assert sent["cup"]["max_force"] == FORCE
     assert sent["plate"]["mass"] == task(f"{UNSOLVED}.json")["plate"]["mass"]
     wait_for_plan(window, SOLVED)

@@ -4,6 +4,7 @@
 const TYPES = { zip: "application/zip", yaml: "application/yaml", yml: "application/yaml", json: "application/json" };
 const byId = (id) => document.getElementById(id);
 let shown = new URLSearchParams(location.search).get("cell");
+let lists = 0;
 
 async function call(path, options = {}) {
   const answer = await fetch(path, { headers: { Accept: "application/json" }, ...options });
@@ -21,7 +22,10 @@ function element(tag, properties = {}, ...children) {
 const told = (cell) => cell.version === null ? "shipped" : `version ${cell.version}, ${new Date(cell.created_at).toLocaleString()}`;
 
 async function list() {
+  const number = ++lists;
   const { cells } = await call("/v1/cells");
+  // A list that was asked for before lacks what was added since, and would show another cell.
+  if (number !== lists) return;
   byId("cells").replaceChildren(...cells.map((cell) => element("li", {}, entry(cell))));
   const wanted = cells.find(({ id, name }) => shown === id || shown === name) ?? cells[0];
   if (wanted) await show(wanted);
