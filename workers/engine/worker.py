@@ -51,6 +51,8 @@ from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
 REJECTED_FOLDER = "rejected"
 GOODBYE_SECONDS = 10.0
 """How long the engine may take to end [s]."""
+JULIAN_DAY_OF_1970 = 2440587.5
+MS_PER_DAY = 86_400_000
 
 log = structlog.get_logger(__name__)
 
@@ -243,6 +245,16 @@ def take_turns(queue: JobQueue) -> None:
     assert hasattr(engine, "_claim_gate"), "this version of the engine cannot be told whose turn it is"
     # What its own kinds of databases override, to say what else must hold of the jobs that it takes.
     engine._claim_gate = gate
+    if engine.engine.dialect.name == "sqlite":
+        assert hasattr(engine, "_now_ms_sql"), "this version of the engine cannot be told the time"
+        # With Python 3.11 it knows whole seconds there: of jobs that were begun in one, nobody knew which was the last.
+        engine._now_ms_sql = _sqlite_now_ms
+
+
+def _sqlite_now_ms() -> sa.ColumnElement[int]:
+    """Return the time by SQLite's clock [ms since 1970]."""
+    days = sa.func.julianday("now") - JULIAN_DAY_OF_1970
+    return sa.cast(sa.func.round(days * MS_PER_DAY), sa.BigInteger)
 
 
 def _engine() -> Any:
