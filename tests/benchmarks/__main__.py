@@ -18,6 +18,7 @@ from tests.benchmarks import (
     planning_part,
     random_lift_part,
     reserve_part,
+    scale_part,
     service_part,
     study_part,
     suction_part,
@@ -44,6 +45,9 @@ PARTS = {
         Part("load", "The service: under load", service_part.measure_load),
         Part("fuzz", "The service: bad input", service_part.measure_bad_input),
         Part("faults", "The service: killed at random", service_part.measure_faults),
+        Part("fairness", "The service: one owner's many jobs and another's one", scale_part.measure_fairness),
+        Part("many_workers", "The service: many workers on one database", scale_part.measure_many_workers),
+        Part("days", "The service: days of jobs", scale_part.measure_days),
         Part("fleet", "The service: a fleet in containers", fleet_part.measure),
     )
 }
