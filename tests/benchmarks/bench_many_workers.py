@@ -33,7 +33,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "events": ("liftwright_plan_events",),
     "documents": ("liftwright_documents",),
     "webhooks": ("liftwright_deliveries", "liftwright_webhooks"),
-    "queues: settings of the engine, read at each look": ("queues", "application_versions"),
+    "queues: what the engine reads before a claim": ("queues", "application_versions"),
     "queues: claims": ("for update skip locked",),
     "jobs of the engine": ("workflow_", "operation_outputs", "notify", "listen"),
     "plans and the rest": ("",),
@@ -61,6 +61,7 @@ class ManyWorkersEffort:
 
     cases: tuple[ManyWorkersCase, ...] = (
         ManyWorkersCase(10, 0.1, 300),
+        ManyWorkersCase(10, 1.0, 300),
         ManyWorkersCase(30, 0.1, 300),
         ManyWorkersCase(30, 1.0, 300),
         ManyWorkersCase(100, 1.0, 300),

@@ -160,9 +160,9 @@ def _reckoned(found: Sequence[ManyWorkersFigures]) -> Iterator[str]:
     share = 100.0 * looks / max(1, sum(first.idle.statements.values()))
     yield (
         f"Looking at queues is {share:.0f} % of all statements of {_fleet(first)} that have nothing to do, and most of "
-        "the begins and ends of transactions are theirs as well: the first bottleneck is PostgreSQL's processor time "
-        "for them. `poll_seconds` moves it; it is stored with the queue, so all workers look as often as the one that "
-        "was started last says."
+        "the begins and ends of transactions are theirs as well: the first bottleneck is the processor time, of "
+        "PostgreSQL and of the workers, that they take. `poll_seconds` moves it, of each worker for itself; a job then "
+        "waits for half of it in the mean, if no other worker looks sooner."
     )
     pairs = [
         (before, after)

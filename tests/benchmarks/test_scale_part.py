@@ -80,7 +80,7 @@ def test_every_statement_of_a_worker_has_a_kind() -> None:
         "SELECT $1": "locks and proof of life",
         "SELECT pg_try_advisory_lock($1::BIGINT) AS pg_try_advisory_lock_1": "locks and proof of life",
         "INSERT INTO liftwright_plan_events (plan_id) VALUES ($1)": "events",
-        "SELECT dbos.queues.name FROM dbos.queues WHERE name = $1": "queues: settings of the engine, read at each look",
+        "SELECT dbos.queues.name FROM dbos.queues WHERE name = $1": "queues: what the engine reads before a claim",
         "SELECT workflow_uuid FROM dbos.workflow_status FOR UPDATE SKIP LOCKED LIMIT $1": "queues: claims",
         "UPDATE dbos.workflow_status SET status = $1": "jobs of the engine",
         "SELECT liftwright_plans.id FROM liftwright_plans": "plans and the rest",
