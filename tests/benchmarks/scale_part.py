@@ -46,7 +46,7 @@ def measure_fairness(effort: Effort, note: Note, folder: Path) -> Findings:
 
 
 def measure_many_workers(effort: Effort, note: Note, folder: Path) -> Findings:
-    """Run up to a hundred workers without solvers on one PostgreSQL: about five minutes."""
+    """Run up to thirty workers without solvers on one PostgreSQL, as many as two cores bear: about four minutes."""
     del folder
     if effort.many_workers is None or BINARIES is None:
         return Findings([], [])
