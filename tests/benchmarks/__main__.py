@@ -62,6 +62,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, metavar="DIR", help="where RESULTS.md goes")
     parser.add_argument("--most", type=int, metavar="N", help="attempts to make before a resumable part stops")
     parser.add_argument("--runs", type=int, metavar="N", help="of each task and reserve, in the part reserve")
+    parser.add_argument("--jobs", type=int, metavar="N", help="in each place, in the part days")
     parser.add_argument("--processes", type=int, metavar="N", help="that make attempts at a time")
     given = parser.parse_args()
     unknown = [name for name in given.parts if name not in PARTS]
@@ -72,7 +73,8 @@ def main() -> None:
     def note(what: str) -> None:
         print(f"{time.monotonic() - begun:6.0f} s  {what}", file=sys.stderr, flush=True)
 
-    told = {"most_attempts": given.most, "processes": given.processes, "reserve_runs": given.runs}
+    told = {"most_attempts": given.most, "processes": given.processes, "reserve_runs": given.runs,
+            "days_jobs": given.jobs}  # fmt: skip
     effort = replace(QUICK if given.quick else FULL, **{name: n for name, n in told.items() if n is not None})
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.parts or PARTS:

@@ -22,7 +22,7 @@ from tests.support.service import FAKE_SOLVER
 from workers.settings import WorkerSettings
 from workers.stores.database import SQLITE_FILE, Database, open_database
 from workers.stores.jobs import STATE_OF_STATUS, input_table, workflow_table
-from workers.stores.tables import DOCUMENTS, EVENTS, PLANS
+from workers.stores.tables import AUDIT, DOCUMENTS, EVENTS, PLANS
 
 OUTSTANDING = 40
 """So many jobs are accepted and not finished, as long as there are more."""
@@ -41,10 +41,9 @@ STALL_SECONDS = 120.0
 
 @dataclass(frozen=True)
 class DaysEffort:
-    """How much is planned."""
+    """What is planned where."""
 
-    places: tuple[tuple[str, int], ...] = (("SQLite", 10_000), ("PostgreSQL", 10_000))
-    """Where, and how many jobs."""
+    places: tuple[str, ...] = ("SQLite", "PostgreSQL")
     retention_seconds: float = 20.0
     """Plans that ended longer ago are deleted."""
     pause_seconds: float = 5.0
@@ -78,6 +77,8 @@ class DaysFigures:
     looks: list[DaysLook] = field(default_factory=list)
     left: dict[str, int] = field(default_factory=dict)
     """Rows that are left when everything was deleted, by the table."""
+    audited: int = 0
+    """Entries of the audit log, which nothing removes."""
 
     def memory(self, share: float) -> dict[str, float]:
         """Return the median memory of each process about a share of the jobs [MiB]."""
@@ -125,6 +126,7 @@ def measure(effort: DaysEffort, place: str, jobs: int, note: Note) -> DaysFigure
         figures.seconds = time.monotonic() - begun
         time.sleep(effort.retention_seconds + 3 * effort.pause_seconds)
         figures.left = _rows(database)
+        figures.audited = database.scalar(sa.select(sa.func.count()).select_from(AUDIT))
     return figures
 
 

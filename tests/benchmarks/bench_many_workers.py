@@ -32,7 +32,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     "locks and proof of life": ("pg_advisory", "pg_try_advisory", "pg_locks", "set_config", "select $1", "select true"),
     "events": ("liftwright_plan_events",),
     "documents": ("liftwright_documents",),
-    "webhooks": ("liftwright_deliveries", "liftwright_webhooks"),
+    "webhooks": ("liftwright_webhook",),
     "queues: what the engine reads before a claim": ("queues", "application_versions"),
     "queues: claims": ("for update skip locked",),
     "jobs of the engine": ("workflow_", "operation_outputs", "notify", "listen"),

@@ -59,8 +59,8 @@ def measure_days(effort: Effort, note: Note, folder: Path) -> Findings:
     del folder
     if effort.days is None:
         return Findings([], [])
-    places = [(place, jobs) for place, jobs in effort.days.places if place == "SQLite" or BINARIES is not None]
-    found = {place: bench_days.measure(effort.days, place, jobs, note) for place, jobs in places}
+    places = [place for place in effort.days.places if place == "SQLite" or BINARIES is not None]
+    found = {place: bench_days.measure(effort.days, place, effort.days_jobs, note) for place in places}
     return Findings(list(days_limits(found)), [days_section(found, effort.days)])
 
 
@@ -179,6 +179,11 @@ def _reckoned(found: Sequence[ManyWorkersFigures]) -> Iterator[str]:
     ]  # fmt: skip
     if rows:
         yield table(head, rows)
+    yield (
+        f"A worker that has nothing to do takes {100.0 * first.idle.fleet_cores / first.case.workers:.1f} % of a core "
+        f"itself in {_fleet(first)}, and {100.0 * slow.idle.fleet_cores / slow.case.workers:.1f} % in {_fleet(slow)}: "
+        "a hundred on this machine would measure its cores, and no database."
+    )
     yield reckoned_cores(first)
     if slow is not first:
         yield reckoned_cores(slow)
@@ -231,7 +236,7 @@ def days_section(found: Mapping[str, DaysFigures], effort: DaysEffort) -> str:
     ends = [
         f"{place}: {each.jobs:,} jobs in {each.seconds / 60.0:.1f} min; those that were read: "
         + ", ".join(f"{number:,} {state.replace('_', ' ')}" for state, number in sorted(each.states.items()))
-        + "."
+        + f". The audit log, which nothing removes, has {each.audited:,} entries, and goes on growing."
         for place, each in found.items()
     ]
     head = ("", "plans stored", "database [MiB]", "memory [MiB]")
