@@ -166,7 +166,9 @@ def _post(client: httpx.Client, number: int) -> str:
     body = {**task_body(TASKS[number % len(TASKS)]), "external_id": WISHES[number % len(WISHES)]}
     plan = client.post("/v1/plans", json=body).raise_for_status().json()
     if number % CANCELLED_EVERY == CANCELLED_EVERY - 1:
-        client.post(plan["links"]["cancel"]).raise_for_status()
+        answer = client.post(plan["links"]["cancel"])
+        # It may have ended by then.
+        assert answer.status_code in (200, 202, 204, 409), answer.text
     return plan["id"]
 
 
