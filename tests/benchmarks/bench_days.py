@@ -37,6 +37,10 @@ WINDOW = 0.05
 """Share of the jobs during which figures are taken whose median counts [1]."""
 POLL_SECONDS = 0.02
 STALL_SECONDS = 120.0
+SETTLED_JOBS = 1000
+"""After so many jobs everything that is loaded once is there [1]."""
+SETTLED_SHARE = 0.4
+"""At most so much of the jobs comes before that is taken to be so [1]."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +98,14 @@ class DaysFigures:
         return round(median(look.plans for look in self._near(share)))
 
     @property
+    def settled(self) -> float:
+        """After which share of the jobs memory counts: a tenth, or more where there are few [1]."""
+        return max(0.1, min(SETTLED_JOBS / max(1, self.jobs), SETTLED_SHARE))
+
+    @property
     def growth(self) -> dict[str, float]:
-        """By how much the memory of each process is larger at the end than after the first tenth [%]."""
-        first, last = self.memory(0.1), self.memory(1.0)
+        """By how much the memory of each process is larger at the end than once it has settled [%]."""
+        first, last = self.memory(self.settled), self.memory(1.0)
         return {name: 100.0 * (last[name] / first[name] - 1.0) for name in first}
 
     def _near(self, share: float) -> list[DaysLook]:

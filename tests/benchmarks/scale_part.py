@@ -29,8 +29,8 @@ LONGEST_EXTRA_SECONDS = JOB_SECONDS + WorkerSettings.model_fields["poll_seconds"
 """One job of somebody else's, and one look at the queue [s]."""
 MOST_GROWTH = 5.0
 """Of memory, from the first tenth of the jobs to the end [%]."""
-MOST_DATABASE_GROWTH = 10.0
-"""Of the database, from the middle of the jobs to the end, while what is kept stays as much [%]."""
+MOST_DATABASE_GROWTH = 5.0
+"""Of the database, in the last quarter of the jobs, while what is kept stays as much [%]."""
 FLEET = 1000
 """Workers that are reckoned with."""
 
@@ -207,10 +207,11 @@ def _fleet(each: ManyWorkersFigures) -> str:
 def days_limits(found: Mapping[str, DaysFigures]) -> Iterator[Limit]:
     """Yield that neither memory nor database grow for ever."""
     for place, each in found.items():
-        yield Limit.at_most(f"{place}: memory at the end, more than after a tenth [%]", each.growth, MOST_GROWTH)
-        growth = 100.0 * (each.database(1.0) / each.database(0.55) - 1.0)
+        first = f"{100 * each.settled:.0f} % of {each.jobs:,} jobs"
+        yield Limit.at_most(f"{place}: memory at the end, more than after {first} [%]", each.growth, MOST_GROWTH)
+        growth = 100.0 * (each.database(1.0) / each.database(0.75) - 1.0)
         yield Limit(
-            f"{place}: database at the end, larger than in the middle [%]", f"≤ {MOST_DATABASE_GROWTH:g}", growth,
+            f"{place}: database at the end, larger than after 75 % of the jobs [%]", f"≤ {MOST_DATABASE_GROWTH:g}", growth,
             growth <= MOST_DATABASE_GROWTH,
         )  # fmt: skip
         left = sum(each.left.values())
@@ -231,7 +232,7 @@ def days_section(found: Mapping[str, DaysFigures], effort: DaysEffort) -> str:
         (f"{place}, after {100 * share:.0f} %", each.plans(share), each.database(share),
          ", ".join(f"{name} {mib:.0f}" for name, mib in each.memory(share).items()))
         for place, each in found.items()
-        for share in (0.1, 0.25, 0.55, 0.75, 1.0)
+        for share in (0.1, 0.25, 0.4, 0.55, 0.75, 1.0)
     ]  # fmt: skip
     ends = [
         f"{place}: {each.jobs:,} jobs in {each.seconds / 60.0:.1f} min; those that were read: "

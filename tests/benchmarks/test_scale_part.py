@@ -119,7 +119,7 @@ def days(last: float, size: float, left: int) -> DaysFigures:
 
 
 def test_days_ask_that_memory_and_database_stay_level_and_nothing_is_left() -> None:
-    kept, broken = days(104.0, 10.9, 0), days(106.0, 12.0, 1)
+    kept, broken = days(104.0, 10.4, 0), days(106.0, 12.0, 1)
     assert [limit.kept for limit in days_limits({"SQLite": kept})] == [True, True, True]
     assert [limit.kept for limit in days_limits({"SQLite": broken})] == [False, False, False]
     text = days_section({"SQLite": kept, "PostgreSQL": broken}, DaysEffort())
