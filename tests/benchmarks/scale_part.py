@@ -211,7 +211,8 @@ def days_limits(found: Mapping[str, DaysFigures]) -> Iterator[Limit]:
         yield Limit.at_most(f"{place}: memory at the end, more than after {first} [%]", each.growth, MOST_GROWTH)
         growth = 100.0 * (each.database(1.0) / each.database(0.75) - 1.0)
         yield Limit(
-            f"{place}: database at the end, larger than after 75 % of the jobs [%]", f"≤ {MOST_DATABASE_GROWTH:g}", growth,
+            f"{place}: database at the end, larger than after 75 % of the jobs [%]", f"≤ {MOST_DATABASE_GROWTH:g}",
+            growth,
             growth <= MOST_DATABASE_GROWTH,
         )  # fmt: skip
         left = sum(each.left.values())
