@@ -37,6 +37,7 @@ WINDOW = 0.05
 """Share of the jobs during which figures are taken whose median counts [1]."""
 POLL_SECONDS = 0.02
 STALL_SECONDS = 120.0
+NOT_FOUND = 404
 SETTLED_JOBS = 1000
 """After so many jobs everything that is loaded once is there [1]."""
 SETTLED_SHARE = 0.4
@@ -183,7 +184,10 @@ def _post(client: httpx.Client, number: int) -> str:
 
 def _read(client: httpx.Client, plan_id: str) -> str:
     """Read what a caller reads of a plan that has ended, and return its state."""
-    plan: dict[str, Any] = client.get(f"/v1/plans/{plan_id}").raise_for_status().json()
+    answer = client.get(f"/v1/plans/{plan_id}")
+    if answer.status_code == NOT_FOUND:
+        return "deleted before"
+    plan: dict[str, Any] = answer.raise_for_status().json()
     client.get("/v1/plans", params={"page_size": 50}).raise_for_status()
     if plan["outcome"] is not None:
         client.get(plan["links"]["document"]).raise_for_status()
@@ -194,9 +198,11 @@ def _read(client: httpx.Client, plan_id: str) -> str:
 
 def _ended(database: Database, plan_ids: list[str]) -> list[str]:
     jobs = workflow_table(database.engine.dialect.name)
-    done = [status for status, state in STATE_OF_STATUS.items() if state.done]
-    query = sa.select(jobs.c.workflow_uuid).where(jobs.c.workflow_uuid.in_(plan_ids), jobs.c.status.in_(done))
-    return database.column(query)
+    going_on = [status for status, state in STATE_OF_STATUS.items() if not state.done]
+    query = sa.select(jobs.c.workflow_uuid).where(jobs.c.workflow_uuid.in_(plan_ids), jobs.c.status.in_(going_on))
+    waiting = set(database.column(query))
+    # One that is not there any more has ended, and was deleted.
+    return [plan_id for plan_id in plan_ids if plan_id not in waiting]
 
 
 def _look(fleet: ScaleFleet, database: Database, ended: int) -> DaysLook:

@@ -93,7 +93,7 @@ QUICK = Effort(
     fuzz_cases=0,
     fairness=FairnessEffort(jobs=10, places=("SQLite",), repeats=1, together=2, urgent=2, begun=10),
     many_workers=ManyWorkersEffort((ManyWorkersCase(2, 0.1, 10),), 2.0),
-    days=DaysEffort(("SQLite",), 2.0, 1.0, 0.2), days_jobs=40,
+    days=DaysEffort(("SQLite",), 10.0, 1.0, 0.2), days_jobs=40,
     fleet=False, random_lifts=2, reserve_runs=1,
     cells=("dual_ur3_tool",), cell_tasks=1, study_places=2,
 )  # fmt: skip

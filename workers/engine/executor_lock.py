@@ -115,7 +115,8 @@ class AdvisoryLock:
             .where(*_held(keys))
             .group_by(_HIGH, _LOW)
         )
-        return {keys[row[0], row[1]]: float(row[2]) for row in self._ask_rows(query)}
+        found = [tuple(row) for row in self._ask_rows(query)]
+        return {keys[high, low]: float(seconds) for high, low, seconds in found}
 
     def end_session(self, name: str) -> bool:
         """End the connection by which a worker holds its name, which frees it; tell whether there was one."""
