@@ -18,6 +18,7 @@ from tests.benchmarks import (
     planning_part,
     random_lift_part,
     reserve_part,
+    scale_part,
     service_part,
     study_part,
     suction_part,
@@ -42,9 +43,11 @@ PARTS = {
         Part("perception", "Perception", perception_part.measure),
         Part("kernels", "Kernels", kernel_part.measure),
         Part("load", "The service: under load", service_part.measure_load),
-        Part("fairness", "The service: many owners", service_part.measure_fairness),
         Part("fuzz", "The service: bad input", service_part.measure_bad_input),
         Part("faults", "The service: killed at random", service_part.measure_faults),
+        Part("fairness", "The service: one owner's many jobs and another's one", scale_part.measure_fairness),
+        Part("many_workers", "The service: many workers on one database", scale_part.measure_many_workers),
+        Part("days", "The service: days of jobs", scale_part.measure_days),
         Part("fleet", "The service: a fleet in containers", fleet_part.measure),
     )
 }
@@ -59,6 +62,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(__file__).parent, metavar="DIR", help="where RESULTS.md goes")
     parser.add_argument("--most", type=int, metavar="N", help="attempts to make before a resumable part stops")
     parser.add_argument("--runs", type=int, metavar="N", help="of each task and reserve, in the part reserve")
+    parser.add_argument("--jobs", type=int, metavar="N", help="in each place, in the part days")
     parser.add_argument("--processes", type=int, metavar="N", help="that make attempts at a time")
     given = parser.parse_args()
     unknown = [name for name in given.parts if name not in PARTS]
@@ -69,7 +73,8 @@ def main() -> None:
     def note(what: str) -> None:
         print(f"{time.monotonic() - begun:6.0f} s  {what}", file=sys.stderr, flush=True)
 
-    told = {"most_attempts": given.most, "processes": given.processes, "reserve_runs": given.runs}
+    told = {"most_attempts": given.most, "processes": given.processes, "reserve_runs": given.runs,
+            "days_jobs": given.jobs}  # fmt: skip
     effort = replace(QUICK if given.quick else FULL, **{name: n for name, n in told.items() if n is not None})
     given.out.mkdir(parents=True, exist_ok=True)
     for name in given.parts or PARTS:

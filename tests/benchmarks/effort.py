@@ -19,7 +19,9 @@ from tests.benchmarks import (
     bench_simulation,
     bench_tool_motion,
 )
+from tests.benchmarks.bench_days import DaysEffort
 from tests.benchmarks.bench_fairness import FairnessEffort
+from tests.benchmarks.bench_many_workers import ManyWorkersCase, ManyWorkersEffort
 from tests.benchmarks.cell_tasks import EXAMPLES
 from tests.benchmarks.load import LoadEffort
 from tests.benchmarks.random_piles import PILES, Pile
@@ -51,8 +53,12 @@ class Effort:
     soaks: tuple[tuple[str, bool, int, int], ...] = (("PostgreSQL", True, 500, 110), ("SQLite", False, 100, 25))
     """Where, whether that is PostgreSQL, jobs, kills."""
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
-    fairness: FairnessEffort | None = FairnessEffort()  # noqa: RUF009 - frozen
     fuzz_cases: int = 100_000
+    fairness: FairnessEffort | None = FairnessEffort()  # noqa: RUF009 - frozen
+    many_workers: ManyWorkersEffort | None = ManyWorkersEffort()  # noqa: RUF009 - frozen
+    days: DaysEffort | None = DaysEffort()  # noqa: RUF009 - frozen
+    days_jobs: int = 10_000
+    """Of the days of jobs, in each place."""
     fleet: bool = True
     piles: tuple[Pile, ...] = PILES
     layouts: int = bench_piles.LAYOUTS
@@ -86,7 +92,11 @@ QUICK = Effort(
     tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
-    fairness=None, fuzz_cases=0, fleet=False, random_lifts=2, reserve_runs=1,
+    fuzz_cases=0,
+    fairness=FairnessEffort(jobs=10, places=("SQLite",), repeats=1, together=2, urgent=2, begun=10),
+    many_workers=ManyWorkersEffort((ManyWorkersCase(2, 0.1, 10),), 2.0),
+    days=DaysEffort(("SQLite",), 10.0, 1.0, 0.2), days_jobs=40,
+    fleet=False, random_lifts=2, reserve_runs=1,
     cells=("dual_ur3_tool",), cell_tasks=1, study_places=2, remedy_searches=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

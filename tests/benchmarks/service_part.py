@@ -1,4 +1,4 @@
-"""The parts of RESULTS.md on what a factory asks of the service: faults, load, fairness, bad input."""
+"""The parts of RESULTS.md on what a factory asks of the service: faults, load, bad input."""
 
 from __future__ import annotations
 
@@ -10,10 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from tests.benchmarks import bench_fairness, fuzz, load, soak
-from tests.benchmarks.bench_fairness import FairnessFigures
+from tests.benchmarks import fuzz, load, soak
 from tests.benchmarks.effort import Effort
 from tests.benchmarks.fuzz import FuzzFigures
 from tests.benchmarks.load import LoadFigures
@@ -27,8 +24,6 @@ FEWEST_SUBMISSIONS = 200.0
 """[1/s]"""
 LONGEST_READ = 50.0
 """99 of 100 reads [ms]."""
-MOST_OVERTAKING = 2
-"""Jobs of an owner with many that are begun while one of another owner waits: one for each slot."""
 
 
 def measure_faults(effort: Effort, note: Note, folder: Path) -> Findings:
@@ -51,19 +46,6 @@ def measure_load(effort: Effort, note: Note, folder: Path) -> Findings:
     with tempfile.TemporaryDirectory() as place_of_files:
         asked = load.measure(effort.load, SOLVER_COMMAND, Path(place_of_files), note)
     return Findings(list(_load_limits(effort.load.watchers, asked)), [_load_section(asked)])
-
-
-def measure_fairness(effort: Effort, note: Note, folder: Path) -> Findings:
-    """Have one owner post a thousand jobs, and see how long another one's wait: some minutes."""
-    del folder
-    if effort.fairness is None:
-        return Findings([], [])
-    places = {"PostgreSQL": True, "SQLite": False}
-    found = {
-        place: bench_fairness.measure(effort.fairness, postgres=postgres, note=note)
-        for place, postgres in places.items()
-    }
-    return Findings([limit for each in found.items() for limit in _fairness_limits(*each)], [_fairness_section(found)])
 
 
 def measure_bad_input(effort: Effort, note: Note, folder: Path) -> Findings:
@@ -139,31 +121,6 @@ def _load_section(asked: LoadFigures) -> str:
         ("between the first and the last watcher being told of the end [s]", asked.watcher_lag),
     ]
     return "\n\n".join(["### Asked for much", "On SQLite, as `liftwright serve` runs it.", table(("", ""), rows)])
-
-
-def _fairness_limits(place: str, figures: FairnessFigures) -> Iterator[Limit]:
-    for case in (bench_fairness.ONE, bench_fairness.URGENT):
-        most = max(each.overtaken_by for each in figures.waits[case])
-        what = f"{place}: jobs of an owner with {figures.jobs} that are begun while another's waits, {case}"
-        yield Limit(what, f"≤ {MOST_OVERTAKING}", most, most <= MOST_OVERTAKING)
-    what = f"{place}: jobs begun while one of the same owner with a higher priority waited"
-    yield Limit(what, "= 0", figures.inversions, not figures.inversions)
-
-
-def _fairness_section(found: dict[str, FairnessFigures]) -> str:
-    rows = [
-        (place, case, len(waits), *(float(np.quantile([each.seconds for each in waits], q)) for q in (0.5, 1.0)),
-         max(each.overtaken_by for each in waits))
-        for place, figures in found.items() for case, waits in figures.waits.items()
-    ]  # fmt: skip
-    most, together = (max(getattr(each, name) for each in found.values()) for name in ("jobs", "together"))
-    text = (
-        f"One owner posts {most} jobs of 0.1 s and of mixed priorities, and another posts one, or {together} at once, "
-        "again and again: seconds from the 202 to the end, as whoever posts sees it, and how many jobs of the first "
-        "owner were begun in between. Two solvers at a time; what they do is made up."
-    )
-    head = ("", "the other one posts", "times", "median [s]", "longest [s]", "most jobs of the first between")
-    return "\n\n".join(["### One owner's thousand jobs and another's one", text, table(head, rows)])
 
 
 def _fuzz_limit(abused: FuzzFigures) -> Limit:

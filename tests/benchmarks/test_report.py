@@ -57,9 +57,19 @@ SECTIONS = {
     ),
     "Kernels": ("Aimed at and reached", "Beside other libraries", "Kinematics"),
     "The service: under load": ("Aimed at and reached",),
-    "The service: many owners": ("Aimed at and reached",),
     "The service: bad input": ("Aimed at and reached",),
     "The service: killed at random": ("Aimed at and reached",),
+    "The service: one owner's many jobs and another's one": (
+        "Aimed at and reached",
+        "One owner's many jobs and another's one",
+    ),
+    "The service: many workers on one database": (
+        "Aimed at and reached",
+        "What they ask, and what it costs",
+        "Statements a second of each worker, by kind",
+        "The first bottleneck, and a thousand workers",
+    ),
+    "The service: days of jobs": ("Aimed at and reached", "Memory and database"),
     "The service: a fleet in containers": ("Aimed at and reached",),
 }
 

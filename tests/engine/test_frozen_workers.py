@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
+import sqlalchemy as sa
 from pydantic import ValidationError
 from support.postgres import needs_postgres, running_postgres
 from support.service import task, wait_for
@@ -82,6 +84,49 @@ def test_a_worker_that_nobody_is_there_to_look_after_is_not_well_once_it_is_froz
         wait_for(lambda: not worker_lives(settings), 10.0)
         assert lock.hold(), "nobody has ended its session: it goes on"
         assert worker_lives(settings)
+
+
+@needs_postgres
+def test_a_look_asks_no_more_where_many_work_than_where_few_do(tmp_path: Path) -> None:
+    with running_postgres() as server, ExitStack() as to_close:
+        settings = WorkerSettings.model_validate(
+            {"data_dir": tmp_path, "database_url": server.url, "worker_name": "looks"}
+        )
+        database = to_close.enter_context(closing(open_database(settings)))
+        queue = to_close.enter_context(closing(JobQueue(database)))
+        looking = AdvisoryLock(database, "looks")
+        takeover = Takeover(settings, queue, looking, frozenset, list)
+
+        async def run() -> list[int]:
+            await takeover.start()
+            to_close.callback(takeover.stop)
+            asked = []
+            for number in range(4):
+                assert to_close.enter_context(closing(AdvisoryLock(database, f"other {number}"))).hold()
+                hand_over(database, PlanStore(database).accept(task(), None, queue).id, f"other {number}")
+                with counted(looking) as statements:
+                    await takeover.look()
+                asked.append(len(statements))
+                assert len(queue.running()) == number + 1
+            return asked
+
+        few, *_, many = asyncio.run(run())
+        assert many == few
+
+
+@contextmanager
+def counted(lock: AdvisoryLock) -> Iterator[list[str]]:
+    """Have what is asked on a lock's connection noted for the time of a block."""
+    statements = list[str]()
+
+    def note(_connection: object, _cursor: object, statement: str, *_: object) -> None:
+        statements.append(statement)
+
+    sa.event.listen(lock._engine, "before_cursor_execute", note)
+    try:
+        yield statements
+    finally:
+        sa.event.remove(lock._engine, "before_cursor_execute", note)
 
 
 def hand_over(database: Database, plan: str, worker: str) -> None:

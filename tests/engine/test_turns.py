@@ -10,16 +10,23 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
+import httpx
 import pytest
 import sqlalchemy as sa
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.places import database_at, on_both_databases
+from support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task, wait_for
+from support.serving import served
 
+from app.access.caller import Scope
+from app.cli.keys_command import issue_key
+from app.settings import ServiceSettings
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import PUT_OFF_SECONDS, JobQueue, NewJob
 from workers.stores.jobs import JobState, input_table, workflow_table
+from workers.stores.tables import PLANS
 
 WORKER = "worker"
 OWNERS = ("a", "b", "c", None)
@@ -177,3 +184,26 @@ def test_the_next_of_many_jobs_is_found_by_indexes_on_sqlite(queue: Queue) -> No
         plan = [row.detail for row in connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {text}")]
     assert not [step for step in plan if step.startswith("SCAN workflow_status")], plan
     assert not [step for step in plan if step.startswith("SCAN begun") and "INDEX" not in step], plan
+
+
+def test_owners_take_turns_within_a_second_too(tmp_path: Path) -> None:
+    """On SQLite the engine itself notes only in which second it has begun a job."""
+    service = ServiceSettings(
+        data_dir=tmp_path, solver_command=FAKE_SOLVER, study_command=FAKE_EXAMINER, worker_slots=1, poll_seconds=0.02
+    )
+    keys = {owner: issue_key(service, owner, Scope.WRITE, None) for owner in ("many", "few")}
+    with served(service) as address:
+        clients = {
+            owner: httpx.Client(base_url=address, headers={"Authorization": f"Bearer {key}"}, timeout=30.0)
+            for owner, key in keys.items()
+        }
+        with clients["many"] as many, clients["few"] as few:
+            first = many.post("/v1/plans", json=task(external_id="steps-40")).json()
+            wait_for(lambda: many.get(first["links"]["self"]).json()["state"] == "running")
+            plans = [many.post("/v1/plans", json=task(external_id="steps-1")).json() for _ in range(8)]
+            plans += [few.post("/v1/plans", json=task(external_id="steps-1")).json() for _ in range(5)]
+            for plan in plans:
+                finished(many if plan in plans[:8] else few, plan)
+    with closing(open_database(service)) as database:
+        begun = database.column(sa.select(PLANS.c.owner).order_by(PLANS.c.started_us))
+    assert begun == ["many", *["few", "many"] * 5, *["many"] * 3]

@@ -33,7 +33,9 @@ STARTUP_SECONDS = 60.0
 class PostgresServer:
     """One server with its files in a folder of its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, *settings: str) -> None:
+        """Take settings of the server, each as `name=value`."""
+        self._settings = settings
         assert BINARIES is not None, "PostgreSQL is not installed"
         self._binaries = BINARIES
         self.folder = _new_folder()
@@ -126,6 +128,7 @@ class PostgresServer:
 
     def _launch(self) -> None:
         settings = ("listen_addresses=127.0.0.1", f"port={self.port}", f"unix_socket_directories={self.folder}")
+        settings = (*settings, *self._settings)
         words = [word for setting in settings for word in ("-c", setting)]
         with (self.folder / "server.log").open("ab") as told:
             self.process = subprocess.Popen(
@@ -168,9 +171,9 @@ def _fresh_cluster() -> Path:
 
 
 @contextmanager
-def running_postgres() -> Iterator[PostgresServer]:
-    """Run a server for the time of a test."""
-    server = PostgresServer()
+def running_postgres(*settings: str) -> Iterator[PostgresServer]:
+    """Run a server for the time of a test, with settings of its own: each is `name=value`."""
+    server = PostgresServer(*settings)
     try:
         yield server.start()
     finally:

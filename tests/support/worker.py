@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import psutil
 
-from .program import Program, launch
+from .program import COMMAND_LINE, Program, launch
 from .service import STARTUP_SECONDS, call_warm, wait_for
 
 READY = b'"event": "working"'
@@ -19,10 +19,17 @@ class WorkerProcess:
     """One worker of a fleet."""
 
     def __init__(
-        self, name: str, data_dir: Path, solver: tuple[str, ...] | None, *, fresh: bool = False, **settings: Any
+        self,
+        name: str,
+        data_dir: Path,
+        solver: tuple[str, ...] | None,
+        *,
+        module: str = COMMAND_LINE,
+        fresh: bool = False,
+        **settings: Any,
     ) -> None:
         """Take what `program.launch` is to be told."""
-        self.name, self._fresh = name, fresh
+        self.name, self._module, self._fresh = name, module, fresh
         self.data_dir = data_dir
         self._environment = {f"LIFTWRIGHT_{key.upper()}": str(value) for key, value in settings.items()}
         if solver is not None:
@@ -45,7 +52,7 @@ class WorkerProcess:
         self._lives = self.log.count(READY.decode())
         if self._solver is not None:
             call_warm(self.data_dir, self._solver)
-        self.process = launch(words, self._environment, told=self._log, fresh=self._fresh)
+        self.process = launch(words, self._environment, told=self._log, module=self._module, fresh=self._fresh)
 
     def start(self) -> Self:
         """Start, and wait until it takes jobs."""

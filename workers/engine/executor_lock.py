@@ -10,7 +10,7 @@ import contextlib
 import fcntl
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -98,23 +98,30 @@ class AdvisoryLock:
             if taken:
                 self._ask(sa.func.pg_advisory_unlock(_key(name)))
 
-    def silence(self, name: str) -> float:
-        """Return how long the worker that holds a name has said nothing on its connection [s]; 0: nobody holds it.
+    def silences(self, names: Collection[str]) -> dict[str, float]:
+        """Return for how long the workers that hold names have said nothing on their connections [s].
 
-        It says something at each look, so that one which is frozen is told from one which lives: the server keeps both
-        connections. By the server's clock.
+        They say something at each look, so that one which is frozen is told from one which lives: the server keeps both
+        connections. By the server's clock; a name that nobody holds is left out. All are asked for at once: if each of
+        many workers asked after each of the others, the server would do little else.
         """
-        key = _key(name)
-        quiet = (
-            sa.select(sa.func.extract("epoch", sa.func.clock_timestamp() - _SESSIONS.c.state_change))
+        keys = {_halves(_key(name)): name for name in names}
+        if not keys:
+            return {}
+        quiet = sa.func.extract("epoch", sa.func.clock_timestamp() - _SESSIONS.c.state_change)
+        query = (
+            sa.select(_HIGH, _LOW, sa.func.min(quiet))
             .select_from(_SESSIONS.join(_LOCKS, _LOCKS.c.pid == _SESSIONS.c.pid))
-            .where(*_held(key))
+            .where(*_held(keys))
+            .group_by(_HIGH, _LOW)
         )
-        return float(self._ask(sa.func.coalesce(quiet.scalar_subquery(), 0.0)))
+        found = [tuple(row) for row in self._ask_rows(query)]
+        return {keys[high, low]: float(seconds) for high, low, seconds in found}
 
     def end_session(self, name: str) -> bool:
         """End the connection by which a worker holds its name, which frees it; tell whether there was one."""
-        ended = sa.select(sa.func.bool_or(sa.func.pg_terminate_backend(_LOCKS.c.pid))).where(*_held(_key(name)))
+        held = _held([_halves(_key(name))])
+        ended = sa.select(sa.func.bool_or(sa.func.pg_terminate_backend(_LOCKS.c.pid))).where(*held)
         return bool(self._ask(ended.scalar_subquery()))
 
     def show_stuck(self, *, stuck: bool) -> None:
@@ -144,9 +151,12 @@ class AdvisoryLock:
         return bool(self._ask(sa.func.pg_try_advisory_lock(_key(name))))
 
     def _ask(self, expression: sa.ColumnElement[Any]) -> Any:
+        return self._ask_rows(sa.select(expression))[0][0]
+
+    def _ask_rows(self, query: sa.Executable) -> Sequence[sa.Row[Any]]:
         assert self._connection is not None
         try:
-            return self._connection.scalar(sa.select(expression))
+            return self._connection.execute(query).all()
         except exc.DBAPIError:
             self.close()
             raise
@@ -182,7 +192,7 @@ def _proves_life(database: Database, settings: WorkerSettings) -> bool:
     ):
         lock.hold()
         with lock.borrowed(name) as dead, lock.borrowed(stuck_name(name)) as gets_on:
-            return gets_on and not dead and lock.silence(name) < settings.frozen_seconds
+            return gets_on and not dead and lock.silences([name]).get(name, 0.0) < settings.frozen_seconds
 
 
 def stuck_name(name: str) -> str:
@@ -196,18 +206,25 @@ _LOCKS = sa.table(
 _SESSIONS = sa.table("pg_stat_activity", sa.column("pid"), sa.column("state_change"))
 
 
-def _held(key: int) -> tuple[sa.ColumnElement[bool], ...]:
-    """Return what holds of the lock of a key in the server's list of locks, where both halves of it stand apart."""
-    high, low = (key >> 32) & 0xFFFFFFFF, key & 0xFFFFFFFF
+_HIGH, _LOW = (sa.cast(column, sa.BigInteger) for column in (_LOCKS.c.classid, _LOCKS.c.objid))
+"""Both halves of a lock's key."""
+
+
+def _held(keys: Iterable[tuple[int, int]]) -> tuple[sa.ColumnElement[bool], ...]:
+    """Return what holds of the locks of some keys in the server's list of locks."""
     here = sa.select(sa.column("oid")).select_from(sa.table("pg_database"))
     return (
         _LOCKS.c.locktype == "advisory",
         _LOCKS.c.granted,
-        sa.cast(_LOCKS.c.classid, sa.BigInteger) == high,
-        sa.cast(_LOCKS.c.objid, sa.BigInteger) == low,
+        sa.tuple_(_HIGH, _LOW).in_(list(keys)),
         _LOCKS.c.objsubid == 1,
         _LOCKS.c.database == here.where(sa.column("datname") == sa.func.current_database()).scalar_subquery(),
     )
+
+
+def _halves(key: int) -> tuple[int, int]:
+    """Return both halves of a key, as the server's list of locks has them."""
+    return (key >> 32) & 0xFFFFFFFF, key & 0xFFFFFFFF
 
 
 def _key(name: str) -> int:

@@ -108,13 +108,15 @@ class Takeover:
             self._lock.show_stuck(stuck=stuck)
         running = self._queue.running()
         self._begin_strays_anew(running.pop(self._name, set()))
-        if self._lock is None:
+        if self._lock is None or not running:
             return
+        silences = self._lock.silences(running)
         for other, jobs in running.items():
-            with self._lock.borrowed(other) as dead:
-                if dead:
-                    self._begin_anew(other, jobs)
-            if not dead and (silence := self._lock.silence(other)) > self._settings.frozen_seconds:
+            if other not in silences:
+                with self._lock.borrowed(other) as dead:
+                    if dead:
+                        self._begin_anew(other, jobs)
+            elif (silence := silences[other]) > self._settings.frozen_seconds:
                 log.warning("a frozen worker loses its name", of_worker=other, by_worker=self._name, seconds=silence)
                 # Its jobs are taken over by whoever gets the name at a next look.
                 self._lock.end_session(other)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import Counter
-from collections.abc import Awaitable, Callable, Collection, Iterator
+from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
@@ -37,8 +37,10 @@ from workers.stores.job_queue import (
     STUDY_WORKFLOW,
     WORKFLOW,
     JobQueue,
+    QueueLook,
     delivery_workflow_id,
     part_workflow_id,
+    queue_looks,
 )
 from workers.stores.mesh_store import MeshStore
 from workers.stores.plan_store import PlanStore
@@ -51,6 +53,8 @@ from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
 REJECTED_FOLDER = "rejected"
 GOODBYE_SECONDS = 10.0
 """How long the engine may take to end [s]."""
+JULIAN_DAY_OF_1970 = 2440587.5
+MS_PER_DAY = 86_400_000
 
 log = structlog.get_logger(__name__)
 
@@ -108,10 +112,11 @@ class Worker:
         DBOS(config=config)
         self._register()
         # Before the launch: the engine looks for new queues only once a second.
-        slots = self._settings.worker_slots, self._settings.study_slots
-        await asyncio.to_thread(self._queue.open, *slots, self._settings.poll_seconds)
+        looks = queue_looks(self._settings.worker_slots, self._settings.study_slots, self._settings.poll_seconds)
+        await asyncio.to_thread(self._queue.open, looks)
         DBOS.launch()
         take_turns(self._queue)
+        look_as_told(looks)
 
     async def stop(self) -> None:
         """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker.
@@ -243,6 +248,38 @@ def take_turns(queue: JobQueue) -> None:
     assert hasattr(engine, "_claim_gate"), "this version of the engine cannot be told whose turn it is"
     # What its own kinds of databases override, to say what else must hold of the jobs that it takes.
     engine._claim_gate = gate
+    if engine.engine.dialect.name == "sqlite":
+        assert hasattr(engine, "_now_ms_sql"), "this version of the engine cannot be told the time"
+        # With Python 3.11 it knows whole seconds there: of jobs that were begun in one, nobody knew which was the last.
+        engine._now_ms_sql = _sqlite_now_ms
+
+
+def look_as_told(looks: Mapping[str, QueueLook]) -> None:
+    """Have the engine of this process look at each queue as its own worker's settings say.
+
+    By itself it reads from the database, before each look, what the worker that was started last has stored for all: a
+    machine of two cores would take as many jobs as the largest, and a third of all statements would be for that.
+    """
+    engine = _engine()
+    assert hasattr(engine, "get_queue"), "this version of the engine cannot be told how to look at queues"
+    stored, known = engine.get_queue, dict[str, Any]()
+
+    def get_queue(name: str, **options: Any) -> Any:
+        if name not in known:
+            queue = stored(name, **options)
+            if queue is None or name not in looks:
+                return queue
+            queue._worker_concurrency, queue._polling_interval_sec = looks[name].most, looks[name].seconds
+            known[name] = queue
+        return known[name]
+
+    engine.get_queue = get_queue
+
+
+def _sqlite_now_ms() -> sa.ColumnElement[int]:
+    """Return the time by SQLite's clock [ms since 1970]."""
+    days = sa.func.julianday("now") - JULIAN_DAY_OF_1970
+    return sa.cast(sa.func.round(days * MS_PER_DAY), sa.BigInteger)
 
 
 def _engine() -> Any:

@@ -37,6 +37,7 @@ DELIVERY_QUEUE = "webhooks"
 DELIVERY_WORKFLOW = "deliver"
 DELIVERIES_AT_ONCE = 16
 DELIVERY_POLL_SECONDS = 0.5
+STUDY_POLL_SECONDS = 0.5
 APPLICATION = "liftwright"
 APPLICATION_VERSION = "1"
 """Pinned: by default it is a hash of the code, and jobs of another version are neither begun nor recovered."""
@@ -85,6 +86,28 @@ class Pace:
 
 
 @dataclass(frozen=True)
+class QueueLook:
+    """How a worker takes what waits in a queue."""
+
+    most: int
+    """So much at the same time [1]."""
+    seconds: float
+    """Between two looks [s]."""
+
+
+def queue_looks(worker_slots: int, study_slots: int, poll_seconds: float) -> dict[str, QueueLook]:
+    """Return how a worker looks at each queue that takes so many jobs at a time, and looks for new ones so often [s].
+
+    Beside them it takes parts of studies: nobody's plan waits until a study is done, and a study may wait for a moment.
+    """
+    return {
+        QUEUE: QueueLook(worker_slots, poll_seconds),
+        STUDY_QUEUE: QueueLook(study_slots, max(poll_seconds, STUDY_POLL_SECONDS)),
+        DELIVERY_QUEUE: QueueLook(DELIVERIES_AT_ONCE, DELIVERY_POLL_SECONDS),
+    }
+
+
+@dataclass(frozen=True)
 class NewJob:
     """A job that is to be enqueued. Times are microseconds since 1970, UTC."""
 
@@ -116,21 +139,12 @@ class JobQueue:
         """Give all connections back."""
         self._client.destroy()
 
-    def open(self, worker_slots: int, study_slots: int, poll_seconds: float) -> None:
-        """Have every worker take at most `worker_slots` jobs at a time, and look for new ones so often [s].
-
-        Beside them it takes `study_slots` parts of studies: nobody's plan waits until a study is done.
-        """
-        for name, slots in ((QUEUE, worker_slots), (STUDY_QUEUE, study_slots)):
+    def open(self, looks: Mapping[str, QueueLook]) -> None:
+        """Have the engine know each queue, by its name; a worker looks at it as it says."""
+        for name, look in looks.items():
             self._client.register_queue(
-                name, worker_concurrency=slots, polling_interval_sec=poll_seconds, on_conflict="always_update"
+                name, worker_concurrency=look.most, polling_interval_sec=look.seconds, on_conflict="always_update"
             )
-        self._client.register_queue(
-            DELIVERY_QUEUE,
-            worker_concurrency=DELIVERIES_AT_ONCE,
-            polling_interval_sec=DELIVERY_POLL_SECONDS,
-            on_conflict="always_update",
-        )
 
     def enqueue(self, transaction: sa.Connection, jobs: Sequence[NewJob]) -> None:
         """Enqueue jobs; they exist when `transaction` commits.
