@@ -57,8 +57,9 @@ def test_a_list_that_was_asked_for_before_a_cell_was_added_and_comes_later_hides
     file.write_bytes(written(station(name="later")))
     held: list[Route] = []
     page.route("**/v1/cells", lambda route: route.fallback() if held or is_post(route) else held.append(route))
-    with page.expect_request(f"{service.address}/v1/cells"):
-        page.goto(f"{service.address}/viewer/cells")
+    page.goto(f"{service.address}/viewer/cells")
+    while not held:
+        page.wait_for_timeout(SHOWN_MILLISECONDS)
     before = held[0].fetch()
     page.locator("#file").set_input_files(file)
     expect(page.locator("#name")).to_have_text("later")
