@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -98,6 +99,27 @@ def test_each_key_makes_one_plan_however_many_processes_are_asked_at_once(either
     assert sorted(entry.target for entry in AuditLog(either).newest(100, None)) == sorted(plans)
     for writer in writers:
         writer.close()
+    queue.close()
+
+
+def test_processes_that_store_the_same_keys_in_opposite_orders_do_not_wait_for_each_other(either: Database) -> None:
+    queue, store = JobQueue(either), PlanStore(either)
+    rounds, keys = 12, 30
+    together = threading.Barrier(2)
+
+    def accept(*, turned: bool) -> list[Accepted | NoRoom]:
+        answers: list[Accepted | NoRoom] = []
+        for number in range(rounds):
+            wanted = [submission(f"{number} {key}") for key in range(keys)]
+            together.wait(30.0)
+            answers += store.accept_all(wanted[::-1] if turned else wanted, queue, ROOM)
+        return answers
+
+    with ThreadPoolExecutor(2) as pool:
+        one, other = (pool.submit(accept, turned=turned) for turned in (False, True))
+        answers = [*one.result(), *other.result()]
+    assert all(isinstance(answer, Accepted) for answer in answers)
+    assert len(either.column(sa.select(PLANS.c.id))) == rounds * keys
     queue.close()
 
 

@@ -352,7 +352,8 @@ class PlanStore:
         refused = {} if room is None else self._refused(transaction, wanted, queue, room)
         new = [each for each in wanted if each.plan_id not in refused]
         if new:
-            transaction.execute(sa.insert(PLANS), [each.row for each in new])
+            # In the same order in every process: of two that insert the same keys each would wait for the other.
+            transaction.execute(sa.insert(PLANS), [each.row for each in sorted(new, key=lambda each: each.key or "")])
             queue.enqueue(transaction, [each.job for each in new])
             expect_deliveries(transaction, [(each.plan_id, each.owner, each.order.webhook_id) for each in new])
             audited = [each.audit for each in new if each.audit is not None]
