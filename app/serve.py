@@ -131,7 +131,7 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
 
     def load(tell: Callable[[str], None]) -> FastAPI:
         if with_worker:
-            tell("loading kernels and handovers; the first start compiles and computes them, which takes a minute")
+            tell("loading kernels and handovers; the first start compiles and computes them, which takes some minutes")
             _warm_up_once(settings)
         tell("loading planners, cells and tools")
         with loading():

@@ -88,7 +88,9 @@ def _reserve(plan: Plan) -> dict[str, str]:
     if found is None:
         return {}
     least, time = found
-    return {"reserve": f"{least.value:.2f} ({least.limited_by}, {time:.1f} s)"}
+    asked = plan.task.options.reserve
+    less = f"; the most that was found, {asked:g} was asked for" if least.value < asked else ""
+    return {"reserve": f"{least.value:.2f} ({least.limited_by}, {time:.1f} s){less}"}
 
 
 def least_torque(plan: Plan) -> tuple[float, str] | None:

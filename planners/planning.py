@@ -37,7 +37,7 @@ from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.remedies.change import Effort
-from planners.remedies.find_remedies import MOST_STEPS, STEPS_OF_PAIRS, find_remedies, with_cup_at
+from planners.remedies.find_remedies import MOST_STEPS, STEPS_OF_PAIRS, find_remedies, why_none, with_cup_at
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.lift_scene import PlateLiftScene
@@ -336,20 +336,22 @@ class TaskSolver:
 
         more = Effort(STEPS_OF_PAIRS, plan=6 if isinstance(task, PlateLiftTask) else 4)
         if isinstance(task, PlateLiftTask):
-            lift = LiftChanges(task, build, lift_settings(task.options), effort, quiet, memory)
+            settings, is_open = lift_settings(task.options), found.explanation.cup_place is not None
+            lift = LiftChanges(task, build, settings, effort, quiet, memory, place_is_open=is_open)
             changes, pairs = lift.by_kind(), partial(lift.in_pairs, more)
         else:
             tool = ToolChanges(task, build, found)
             changes, pairs = tool.by_kind(), tool.in_pairs
         remedies = find_remedies(changes, attempt, task, effort, on_progress)
+        tried = effort.tried
         if not remedies:
             effort = more
             remedies = find_remedies(pairs(), attempt, task, more, on_progress)
+            tried |= more.tried
         if found.explanation.cup_place is not None:
             # They are for the cup where it was put, which the task as posted leaves open.
             remedies = [with_cup_at(found.explanation.cup_place.position, remedy) for remedy in remedies]
-        tried = "Of the changes that were tried, none helps." if more.spent else "No change is known that would help."
-        helps = f"What helps: {remedies[0].sentence}" if remedies else tried
+        helps = f"What helps: {remedies[0].sentence}" if remedies else why_none(tried)
         summary = f"{found.explanation.summary} {helps}"
         explanation = found.explanation.model_copy(update={"summary": summary, "remedies": remedies})
         seconds, statistics = self.clock() - begun, found.statistics
@@ -371,10 +373,12 @@ def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | Non
     elif plan.outcome == "solved":
         sentence = f"The cup sits at {at}, which among {tried} places comes farthest."
     else:
-        why = (
-            "the plate is tilted farthest" if kept is None else f"up to {100 * kept:.1f} % of every limit could be kept"
-        )
-        sentence = f"Of {tried} places of the cup none leads to a plan; told is what hinders at {at}, where {why}."
+        why = ""
+        if kept is not None:
+            why = f", where up to {100 * kept:.1f} % of every limit could be kept"
+        elif chosen is not None and chosen.tilt > 0.0:
+            why = ", where the plate is tilted farthest"
+        sentence = f"Of {tried} places of the cup none leads to a plan; told is what hinders at {at}{why}."
     return ChosenCupPlace(position=position, tried=tried, reserve=kept, sentence=sentence)
 
 

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Never
 
 from pydantic import ValidationError
 
@@ -144,7 +144,7 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
-    parsed = _parser().parse_args(arguments)
+    parsed = _parsed(arguments)
     try:
         return parsed.run(parsed)
     except LiftwrightError as error:
@@ -163,8 +163,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
+class _Parser(argparse.ArgumentParser):
+    """Ends with the exit code of bad input where a command is not one: argparse's own says that there is no plan."""
+
+    def error(self, message: str) -> Never:
+        self.print_usage(sys.stderr)
+        self.exit(BAD_INPUT, f"{self.prog}: {message}\n")
+
+
+def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Return what was asked for; what is no option of a command is said with that command's usage."""
+    parser = _parser()
+    parsed, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        commands = next(each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
+        commands.choices[parsed.command].error(f"there is no option {' '.join(unknown)}; --help lists them")
+    return parsed
+
+
+def _number_from_1(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError("changes that help are numbered from 1")
+    return number
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="liftwright",
         description="Plans how a dual-arm robot lifts heavy plates together with a vacuum lifter, and how it moves "
         "objects with a suction tool that its hands take up and pass on.",
@@ -289,7 +314,7 @@ def _add_plan(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--apply",
-        type=int,
+        type=_number_from_1,
         metavar="N",
         help="if there is no plan, write the task with the N-th change that helps beside it, as NAME.remedy-N.json",
     )

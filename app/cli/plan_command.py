@@ -157,7 +157,7 @@ def _apply(number: int, plan: Plan, file: TaskFile) -> None:
     """Write the task with a remedy applied beside it, as JSON.
 
     Raises:
-        BadInput: There is no such remedy.
+        BadInput: There are remedies, but not so many.
     """
     from planners.contract.task_change import changed
 
@@ -165,9 +165,11 @@ def _apply(number: int, plan: Plan, file: TaskFile) -> None:
         sys.stdout.write(f"{'changed task:':<16}none, the task has a plan as it is\n")
         return
     remedies = plan.explanation.remedies or []
-    if not 1 <= number <= len(remedies):
-        there = f"choose from 1 to {len(remedies)}" if remedies else "none was found"
-        raise BadInput(f"there is no remedy {number} to apply: {there}")
+    if not remedies:
+        sys.stdout.write(f"{'changed task:':<16}none, as no change was found that helps\n")
+        return
+    if number > len(remedies):
+        raise BadInput(f"there is no remedy {number} to apply: choose from 1 to {len(remedies)}")
     path = Path(file.named).with_name(f"{file.stem}.remedy-{number}.json")
     with written_whole(path) as written:
         assert written is not None

@@ -105,7 +105,7 @@ class _Stages:
             f"Flat on the {'table' if on_table else 'support'}, a plate that is no thicker than {1e3 * least:.3g} mm "
             "leaves no room for the stick"
         )
-        advice = "A board under it, no larger than the plate, helps, or the edge of the table"
+        advice = "A board under it that is as large as the plate helps, or the edge of the table"
         told = f"{reason}; this one is {1e3 * thickness:.3g} mm thick."
         if on_table:
             told = f"{told} {advice}."

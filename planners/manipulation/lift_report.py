@@ -75,9 +75,10 @@ def not_found(search: LiftSearch, summary: str, main: tuple[Rejection, ...] = ()
 
 def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapacity) -> LiftPlan:
     """Report that robot and lifter cannot carry the weight in any pose: a proof."""
+    sloping = " (pull, and friction of its pad on a slope)" if capacity.cup > sampling.stated.cup.max_force else ""
     cause = Rejection(
         "capacity",
-        f"The plate is too heavy: the cup can carry at most {capacity.cup:.1f} N, the gripper "
+        f"The plate is too heavy: the cup can carry at most {capacity.cup:.1f} N{sloping}, the gripper "
         f"{capacity.gripper:.1f} N and the stick {capacity.pusher:.1f} N of its weight",
         needed=capacity.needed,
         available=capacity.available,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -16,6 +17,30 @@ from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7, pose_row
 
 AnyTask = PlateLiftTask | SuctionToolTask
+KINDS = MappingProxyType(
+    {
+        "cup_place": "another place of the cup",
+        "cup_force": "a stronger cup",
+        "cup_radius": "a cup of another size",
+        "hand_limits": "more force of the hands",
+        "lifter_model": "another kind of lifter",
+        "tolerances": "mass and centre of mass known better",
+        "plate_yaw": "the plate turned",
+        "plate_place": "the plate elsewhere",
+        "support": "a board under the plate",
+        "holds": "holds that are not given",
+        "obstacle": "obstacles moved or taken away",
+        "object_place": "objects elsewhere",
+        "object_yaw": "objects turned",
+        "goal_place": "goals elsewhere",
+        "goal_yaw": "goals turned",
+        "object_aside": "an object put aside",
+        "tool": "another tool",
+        "mass": "lighter objects",
+        "two_changes": "two of these at once",
+    }
+)
+"""Words for what is changed, by the kind of a change."""
 TaskOfKind = TypeVar("TaskOfKind", bound=AnyTask)
 SceneOfKind = TypeVar("SceneOfKind")
 
@@ -189,6 +214,8 @@ class Effort:
             plan: to plan.
         """
         self.steps, self.spent = steps, 0
+        self.tried: set[str] = set()
+        """Kinds of the changes that were planned, or of which it was asked whether they leave a way."""
         self._needed = {"forces": forces, "reach": reach, "plan": plan}
 
     def take(self, what: Literal["forces", "reach", "plan"]) -> bool:

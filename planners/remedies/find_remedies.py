@@ -8,7 +8,7 @@ from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.verdicts import PlanningOutcome, Remedy
 from planners.progress import Progress, Report
-from planners.remedies.change import AnyTask, Effort, TaskChange, put
+from planners.remedies.change import KINDS, AnyTask, Effort, TaskChange, put
 
 MOST_STEPS = 100
 """Of all that is tried for one task: some 20 s on a common core."""
@@ -52,6 +52,16 @@ def find_remedies(
     return [remedy for each in searches for remedy in each.found][:MOST_REMEDIES]
 
 
+def why_none(tried: Iterable[str]) -> str:
+    """Say what was tried in vain, for a task for which no change was found.
+
+    Args:
+        tried: kinds of changes.
+    """
+    words = [words for kind, words in KINDS.items() if kind in set(tried)]
+    return f"Tried in vain: {', '.join(words)}." if words else "No change is known that would help."
+
+
 def with_cup_at(place: tuple[float, float], remedy: Remedy) -> Remedy:
     """Return a remedy that states the cup's place, too, for a task that leaves it open."""
     if any(step.path == "/cup/position" for step in remedy.patch):
@@ -75,6 +85,7 @@ class _OfKind:
             self.ended = True
             return
         self._tries += 1
+        effort.tried.add(change.kind)
         plan = attempt(changed)
         if plan is not None:
             self.found.append(_remedy(change, plan))

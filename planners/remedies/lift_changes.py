@@ -22,6 +22,7 @@ from planners.contract.task_change import PatchOperation
 from planners.contract.task_spec import Obstacle, PlateLiftTask, Support
 from planners.geometry.pose import Array
 from planners.graph.search import DEAD
+from planners.manipulation.cup_place import CupPlaceSearch
 from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
@@ -49,7 +50,11 @@ _SHARE_OF_RESERVE = 0.5
 """Part of the reserve asked for that a way has to keep back before a changed task is planned [1]: where nothing at all
 is kept back, there seldom is a motion too."""
 _MORE_FORCE = 4.0
-"""No cup of more than so many times the stated one's force is asked for [1]."""
+"""A cup of so many times the stated one's force is asked for [1] ..."""
+_BEYOND_NEEDED = 2.0
+"""... or so many times the force without which robot and lifter do not bear the weight, if that is more [1] ..."""
+_MOST_FORCE = 10.0
+"""... but of no more than so many times the stated one's [1]."""
 _FORCE_STEP = 0.5
 """How finely it is asked for [N]."""
 _SHIFTS = (0.010, 0.020, 0.030, 0.050, 0.080)
@@ -88,6 +93,8 @@ class LiftChanges:
         effort: Effort,
         progress: Progress,
         memory: ReachMemory | None = None,
+        *,
+        place_is_open: bool = False,
     ) -> None:
         """Sample the lift as it is; where it ends is searched for when that is first asked.
 
@@ -98,7 +105,9 @@ class LiftChanges:
             effort: what asking may take.
             progress: may raise `PlanningCancelled`.
             memory: of the reach in changed lifts, for whoever plans them.
+            place_is_open: whether the task, as it was posted, left the cup's place to the planner.
         """
+        self._place_is_open = place_is_open
         self.task, self._build, self._effort, self._progress = task, build, effort, progress
         self._memory = memory
         self._asked = settings
@@ -117,14 +126,14 @@ class LiftChanges:
         planner = self._planner
         forces = [self._cup_force(), self._hands(), self._lifter()]
         if not planner.capacity().suffices:
-            return forces
+            # Where the cup may sit anywhere, it sits where the least force does.
+            return [self._with_forces(self._best_cup_places()), *forces[1:]] if self._place_is_open else forces
         if planner.out_of_reach() is not None:
             return [self._plate_place()]
         if planner.proof() is not None:
             return []
-        too_thin = planner.sampling.prism.height <= planner.sampling.least_thickness
-        if too_thin and self.task.support is None:
-            return [self._board(), self._to_the_edge()]
+        if self._is_too_thin:
+            return [self._board(), self._to_the_edge(), self._given_holds()]
         cup, places = self._cup_place(), [self._plate_turned(), self._plate_place()]
         if self._without_obstacles:
             return [self._obstacles(), cup, *places]
@@ -133,7 +142,7 @@ class LiftChanges:
             return [*places, self._board(), cup, self._given_holds()]
         if self._planner.search is not None and not self._planner.search.graph.starts:
             # No hand comes to the plate at rest, whatever it bears.
-            return [self._board(), *([] if too_thin else places), self._given_holds()]
+            return [self._board(), *places, self._given_holds()]
         return [cup, *forces, *places, self._tolerances(), self._board(), self._given_holds()]
 
     def in_pairs(self, effort: Effort) -> list[Iterator[TaskChange]]:
@@ -143,7 +152,9 @@ class LiftChanges:
             effort: what asking may take from now on.
         """
         self._effort = effort
-        if self._planner.proof() is not None:
+        if not self._planner.capacity().suffices:
+            return [] if self._place_is_open else [self._with_forces(self._best_cup_places())]
+        if self._planner.proof() is not None or self._is_too_thin:
             return []
         return [self._with_forces(each) for each in (self._first_cup_places(), self._first_plate_places())]
 
@@ -158,6 +169,19 @@ class LiftChanges:
             yield TaskChange("plate_yaw", f"Turn the plate by {turning(angle)}.", self._plate_moved(np.zeros(2), angle))
         if self.task.support is None:
             yield self._on_board(_BOARDS[0])
+
+    def _best_cup_places(self) -> Iterator[TaskChange]:
+        """Places where the strongest cup that is asked for keeps most back: a heavy plate seldom allows many."""
+        strongest = self._stronger(self._most_force_steps).applied(self.task)
+        if strongest is None or not self._effort.take("plan"):
+            return
+        cup = strongest.cup.model_copy(update={"position": None})
+        anywhere = strongest.model_copy(update={"cup": cup})
+        self._effort.tried.add("cup_place")
+        search = CupPlaceSearch(anywhere, self._build, self._asked, self._progress)
+        for place in search.candidates(self._build(strongest)):
+            if place.leaves_a_way:
+                yield self._cup_at(place.position, np.array(place.position) - np.array(self.task.cup.place))
 
     def _with_forces(self, firsts: Iterator[TaskChange]) -> Iterator[TaskChange]:
         """Follow each change by the least force of the cup with which it leaves a way."""
@@ -185,12 +209,18 @@ class LiftChanges:
         scene = change.built(self.task, self._build)
         if scene is None or not self._effort.take("forces" if forces else "reach"):
             return False
+        self._effort.tried.add(change.kind)
         planner = self._planner.with_limits(scene) if forces else self._planner_of(scene)
         reserve = self._kept if kept is None else kept
         return planner.proof() is None and planner.fits and planner.may_keep(reserve, low=True)
 
     def _of(self, changes: Iterable[TaskChange], *, forces: bool) -> Iterator[TaskChange]:
         return (change for change in changes if self._leaves_a_way(change, forces=forces))
+
+    @property
+    def _is_too_thin(self) -> bool:
+        """Whether a hand has no room beside the plate at rest, whatever it bears and wherever the cup sits."""
+        return self._planner.sampling.prism.height <= self._planner.sampling.least_thickness
 
     @cached_property
     def _is_held(self) -> bool:
@@ -224,25 +254,32 @@ class LiftChanges:
 
     def _cup_force(self) -> Iterator[TaskChange]:
         """A stronger cup: as a larger force never does harm, the least that leaves a way is found by halving."""
-        stated = self.task.cup.max_force
-
-        def stronger(steps: int) -> TaskChange:
-            force = round((math.floor(stated / _FORCE_STEP) + steps) * _FORCE_STEP, 3)
-            sentence = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
-            return TaskChange("cup_force", sentence, (put("/cup/max_force", force),))
-
-        known = 0
-        least = max(2, math.ceil((_MORE_FORCE - 1.0) * stated / _FORCE_STEP))
-        if not self._leaves_a_way(stronger(least), forces=True):
+        known, least = 0, self._most_force_steps
+        if not self._leaves_a_way(self._stronger(least), forces=True):
             return
         while least - known > 1:
             middle = (known + least) // 2
-            if self._leaves_a_way(stronger(middle), forces=True):
+            if self._leaves_a_way(self._stronger(middle), forces=True):
                 least = middle
             else:
                 known = middle
         # A way of held poses may still be none for the arms.
-        yield from (stronger(steps) for steps in dict.fromkeys((least, math.ceil(1.5 * least), 2 * least)))
+        yield from (self._stronger(steps) for steps in dict.fromkeys((least, math.ceil(1.5 * least), 2 * least)))
+
+    @property
+    def _most_force_steps(self) -> int:
+        """By how many steps the strongest cup that is asked for is stronger than the stated one."""
+        capacity, stated = self._planner.capacity(), self.task.cup.max_force
+        # What the cup carries is proportional to its force, whatever the lifter's model.
+        needed = (capacity.needed - capacity.gripper - capacity.pusher) / capacity.cup
+        most = min(max(_MORE_FORCE, _BEYOND_NEEDED * needed), _MOST_FORCE)
+        return max(2, math.ceil((most - 1.0) * stated / _FORCE_STEP))
+
+    def _stronger(self, steps: int) -> TaskChange:
+        stated = self.task.cup.max_force
+        force = round((math.floor(stated / _FORCE_STEP) + steps) * _FORCE_STEP, 3)
+        sentence = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
+        return TaskChange("cup_force", sentence, (put("/cup/max_force", force),))
 
     def _cup_place(self) -> Iterator[TaskChange]:
         yield from self._of(self._cup_places(), forces=True)
@@ -265,11 +302,16 @@ class LiftChanges:
         stated = np.array(self.task.cup.place)
         rounded = {tuple(np.round(stated + shift, 3).tolist()) for shift in shifts} - {tuple(stated.tolist())}
         for place in sorted(rounded, key=lambda place: (float(np.linalg.norm(place - stated)), place)):
-            way = self._directions.say(self._rotation @ (place - stated))
-            if way:
-                x, y = place
-                sentence = f"Move the cup {way}, to ({1e3 * x:.0f}, {1e3 * y:.0f}) mm on the plate."
-                yield TaskChange("cup_place", sentence, (put("/cup/position", numbers(np.array(place))),))
+            if self._directions.say(self._rotation @ (place - stated)):
+                yield self._cup_at(place, place - stated)
+
+    def _cup_at(self, place: tuple[float, float], shift: Array) -> TaskChange:
+        """Put the cup at a place, which is off the stated one by a shift (2,), both in plate axes [m]."""
+        way = self._directions.say(self._rotation @ shift)
+        at = f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
+        moves = way and not self._place_is_open
+        sentence = f"Move the cup {way}, to {at}." if moves else f"Put the cup at {at}."
+        return TaskChange("cup_place", sentence, (put("/cup/position", numbers(np.array(place))),))
 
     def _hands(self) -> Iterator[TaskChange]:
         """All that the arms' payloads and the gripper allow, where the task asks for less."""
@@ -328,7 +370,7 @@ class LiftChanges:
         return tuple(steps)
 
     def _board(self) -> Iterator[TaskChange]:
-        """A board under a plate that hands cannot get beside on the bare table, or one no larger than the plate."""
+        """A board under a plate that hands cannot get beside on the bare table, or one as large as the plate."""
         given = self.scene.support_top - self.scene.cell.table_top
         boards = _BOARDS if self.task.support is None else (given,) if self.scene.surface_beyond > _FLUSH else ()
         yield from self._of((self._on_board(thickness) for thickness in boards), forces=False)
@@ -352,7 +394,7 @@ class LiftChanges:
         return TaskChange("support", sentence, steps)
 
     def _to_the_edge(self) -> Iterator[TaskChange]:
-        """The plate with a side at the nearest edges of the table, so that a hand comes to it from beyond."""
+        """The plate on the table, a side at the nearest of its edges, so that a hand comes to it from beyond."""
         table, plate = self.scene.cell.boxes[0], self.scene.plate
         corners = plate.outline @ self._rotation.T + plate.T_world_body[:2, 3]
         low, high = table.center[:2] - 0.5 * table.size[:2], table.center[:2] + 0.5 * table.size[:2]
@@ -360,16 +402,18 @@ class LiftChanges:
         ways = [sign * gap * axis for sign, gaps in beyond for gap, axis in zip(gaps, np.eye(2), strict=True)]
         nearest = sorted((way for way in ways if np.linalg.norm(way) > 0.0), key=lambda way: float(np.linalg.norm(way)))
         yield from self._of(
-            (
-                TaskChange(
-                    "plate_place",
-                    f"Move the plate {self._directions.say(way)}, to the edge of the table.",
-                    self._plate_moved(way),
-                )
-                for way in nearest[:_EDGES]
-            ),
+            (self._at_the_edge(way) for way in nearest[:_EDGES]),
             forces=False,
         )
+
+    def _at_the_edge(self, way: Array) -> TaskChange:
+        moved = f"Move the plate {self._directions.say(way)}, to the edge of the table"
+        if self.task.support is None:
+            return TaskChange("plate_place", f"{moved}.", self._plate_moved(way))
+        x, y, z, *turn = self.task.plate_pose
+        lowered = (x, y, z - (self.scene.support_top - self.scene.cell.table_top), *turn)
+        steps = (put("/support", None), put("/plate_pose", moved_pose(lowered, way)))
+        return TaskChange("plate_place", f"{moved}, without the support.", steps)
 
     def _given_holds(self) -> Iterator[TaskChange]:
         options = self.task.options

@@ -249,16 +249,21 @@ def why_apart(face: FlatFace, T_world_body: Transform, height: float, below: str
 def _advice(solid: Solid, T_world_body: Transform, com: Array, below: Sequence[LevelFace]) -> str:
     """Say where the body would rest, on the face that looks most nearly down among those it does not tip off.
 
-    And ask about its quaternion where the order of its components would explain how it is turned.
+    Or ask about its quaternion where the order of its components would explain how it is turned. No pose is told at
+    which the body would tip off the edge of what is nearest.
     """
     hint = scalar_last_hint(T_world_body)
     steady = [face for face in solid.flat_faces() if _is_steady(face, com)]
-    if not below or not steady:
+    if hint or not below or not steady:
         return hint
     face = max(steady, key=lambda face: float(face.normal @ -T_world_body[2, :3]))
     nearest = _nearest(face, T_world_body, below)
-    pose = [round(value, 6) + 0.0 for value in to_pose7(settled(face, T_world_body, nearest.height))]
-    return f"; on {nearest.name} it would rest at {pose}{hint}"
+    T_settled = settled(face, T_world_body, nearest.height)
+    center = (T_settled[:3, :3] @ com + T_settled[:3, 3])[:2]
+    if beyond(_touching_points(solid, face, T_settled, nearest), center) > TIP_SLACK:
+        return f"; put down on {nearest.name} it would tip over its edge"
+    pose = [round(value, 6) + 0.0 for value in to_pose7(T_settled)]
+    return f"; on {nearest.name} it would rest at {pose}"
 
 
 def _is_steady(face: FlatFace, com: Array) -> bool:

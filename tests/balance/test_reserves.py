@@ -64,6 +64,23 @@ def test_what_can_be_held_with_a_reserve_can_be_held_with_any_smaller_one(lift: 
         assert isinstance(keeping(lift, share * reserve).solve(), Balanced)
 
 
+@pytest.mark.parametrize(("lift", "planned"), balanced())
+def test_a_cup_s_pull_is_named_only_where_more_friction_of_its_pad_would_not_do(lift: Lift, planned: Balanced) -> None:
+    """Of Dex-Net's pad friction grows with the cup's force, so that more of that force is more of both."""
+    scale = ReserveScale(lift.balance)
+    reserve, _ = scale.forces_keeping_most(planned, 0.0)
+    beyond = keeping(lift, min((round(reserve * STEPS) + 1) / STEPS, 1.0 - 1.0 / STEPS))
+    plate = beyond.plate
+    rougher = replace(beyond, plate=replace(plate, cup=replace(plate.cup, mu=lift.plate.cup.mu)))
+    stronger = replace(beyond, plate=replace(plate, cup=replace(plate.cup, max_force=lift.plate.cup.max_force)))
+    named = scale.limit(planned.held, reserve)
+    if named == "cup: friction":
+        assert held_by_cvxpy(rougher)
+    if named == "cup: pull":
+        assert held_by_cvxpy(stronger)
+        assert not held_by_cvxpy(rougher)
+
+
 def test_forces_that_keep_as_much_as_there_can_be_stay_as_they_were_planned() -> None:
     lift, planned = balanced()[0]
     scale = ReserveScale(lift.balance)

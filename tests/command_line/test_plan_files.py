@@ -240,13 +240,34 @@ def test_remedies_are_told_with_their_numbers_and_one_is_applied(
     assert json.loads(file.read_bytes()) == task()
 
 
-@pytest.mark.parametrize(("number", "said"), [("3", "choose from 1 to 2"), ("0", "choose from 1 to 2")])
 def test_a_remedy_that_is_not_there_is_told(
-    number: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Pipeline, "solve", _without_a_plan)
-    assert main(["plan", str(_written(tmp_path / "mine.json", task())), "--apply", number]) == 3
-    assert said in capsys.readouterr().err.splitlines()[-1]
+    file = str(_written(tmp_path / "mine.json", task()))
+    assert main(["plan", file, "--apply", "3"]) == 3
+    assert "choose from 1 to 2" in capsys.readouterr().err.splitlines()[-1]
+    with pytest.raises(SystemExit, match="3"):
+        main(["plan", file, "--apply", "0"])
+
+
+def test_a_task_without_plan_and_remedy_is_no_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stated = {"outcome": "not_found", "segments": [], "explanation": {"summary": "why it is so", "remedies": []}}
+    plan = plan_of({**lift_document(load_cell("dual_ur3e_lift")), **stated})
+    monkeypatch.setattr(Pipeline, "solve", lambda *_: plan)
+    assert main(["plan", str(_written(tmp_path / "mine.json", task())), "--apply", "1"]) == 2
+    assert "changed task:   none" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("line", [["plan"], ["plan", "a.json", "--aply", "1"], ["plan", "a.json", "--apply", "one"]])
+def test_a_line_that_is_no_command_is_bad_input_and_shows_how_that_command_is_used(
+    line: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="3"):
+        main(line)
+    assert capsys.readouterr().err.startswith("usage: liftwright plan")
 
 
 def test_nothing_is_applied_to_a_task_that_has_a_plan_or_to_several(

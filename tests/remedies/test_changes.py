@@ -16,6 +16,7 @@ from planners.geometry.pose import from_pose7
 from planners.manipulation.lift_settings import LiftSettings
 from planners.progress import silent
 from planners.remedies.change import Directions, Effort, TaskChange, obstacle_out_of_the_way, put
+from planners.remedies.find_remedies import why_none
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
@@ -129,6 +130,20 @@ def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_
     flush = LiftChanges(change.applied(task), build_scene, LiftSettings(), Effort(0), silent)  # type: ignore[arg-type]
     flush._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
     assert list(flush._board()) == []
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_a_place_of_the_cup_is_a_way_from_the_stated_one_if_there_is_one(is_open: bool) -> None:
+    task = posted("ab1")
+    scene = build_scene(task)
+    told = LiftChanges(task, lambda _: scene, LiftSettings(), Effort(100), silent, place_is_open=is_open)
+    change = told._cup_at((0.05, 0.02), np.array([0.05, 0.0]))
+    assert change.sentence.startswith("Put the cup at (50, 20) mm" if is_open else "Move the cup 50 mm ")
+
+
+def test_kinds_of_changes_that_were_tried_in_vain_are_told() -> None:
+    assert why_none(["cup_force", "cup_place"]) == "Tried in vain: another place of the cup, a stronger cup."
+    assert "No change is known" in why_none([])
 
 
 def test_a_goal_far_off_comes_nearer_the_least_way_first(shelf: PlanShelf) -> None:

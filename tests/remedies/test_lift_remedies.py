@@ -29,6 +29,15 @@ TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
 UNSOLVED = {
     "too weak a cup": ("pb1_weak_cup", {}),
     "beams over the plate": ("ab1_under_beams", {}),
+    "too heavy wherever the cup sits": (
+        "ab1",
+        {
+            "plate": {"shape": {"type": "box", "size": [0.45, 0.35, 0.015]}, "mass": 8.5},
+            "plate_pose": [0.36, 0.0, 1.1515, 1, 0, 0, 0],
+            "support": {"shape": {"type": "box", "size": [0.45, 0.35, 0.05]}, "pose": [0.36, 0.0, 1.119, 1, 0, 0, 0]},
+            "cup": {"radius": 0.0175, "max_force": 20},
+        },
+    ),
     "far corner of the table": ("ab1", {"plate_pose": [0.62, 0.1, 1.114, 1, 0, 0, 0]}),
 }
 

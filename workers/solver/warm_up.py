@@ -65,7 +65,7 @@ def warm_up(settings: WorkerSettings) -> None:
     forget_stale_kernels()
     log.info(
         "loading kernels and handovers of the shipped tools; the first start compiles and computes them, "
-        "which takes a minute",
+        "which takes some minutes",
         handovers=str(settings.handovers_dir),
     )
     if any(path for folder in _cache_folders() for path in _compiled(folder)):

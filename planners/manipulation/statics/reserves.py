@@ -73,8 +73,9 @@ def _answer(program: Balance, held: HeldPlate) -> Balanced | Unbalanced:
 def _each_relaxed(stated: Balance, kept: Balance, held: HeldPlate) -> Iterable[tuple[str, Balance]]:
     """Yield programs with all shares kept back but one limit's, with the name of that limit."""
     whole, less = stated.cup, kept.cup
-    yield "cup: pull", kept.with_limits(cup=replace(less, max_force=whole.max_force))
+    # Friction first: where a pad's grows with the cup's force (Dex-Net), more of that force may be wanted for it alone.
     yield "cup: friction", kept.with_limits(cup=replace(less, mu=whole.mu))
+    yield "cup: pull", kept.with_limits(cup=replace(less, max_force=whole.max_force))
     yield "cup: bending", kept.with_limits(cup=replace(less, kappa=whole.kappa))
     if held.grip is not None:
         yield "friction of the fingers", kept.with_limits(friction=replace(kept.friction, grip=stated.friction.grip))
