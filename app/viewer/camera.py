@@ -14,6 +14,9 @@ FIELD_OF_VIEW = 0.66
 """Vertical [rad]."""
 WIDTH_OVER_HEIGHT = 2.0
 """Of the narrowest picture that shows the cell whole [1]: a laptop's, beside the page's panels."""
+NO_OBSTACLES = np.zeros((0, 3))
+SURROUNDINGS = 0.25
+"""Obstacles are in the picture as far as they are no farther beyond the cell than this part of its size [1]."""
 MARGIN = 1.05
 """The cell's part of the picture is smaller than the picture by this factor [1]."""
 
@@ -28,15 +31,22 @@ class View:
     above_body: float | None = None
     """So far above the body that is moved, wherever it is, is what is looked at [m]; None: the cell is."""
 
-    def place(self, cell: Cell, body_position: Array) -> tuple[Array, Array]:
+    def place(self, cell: Cell, body_position: Array, obstacles: Array = NO_OBSTACLES) -> tuple[Array, Array]:
         """Return where a camera is and what it looks at (3,), both in the world [m].
 
         Args:
             cell: that is shown.
             body_position: (3,) where the body that is moved is, in the world [m].
+            obstacles: (n, 3) points that the task's obstacles lie between, in the world [m].
         """
         if self.above_body is None:
-            return _whole(_extent(cell), np.array(self.toward_camera))
+            points = _extent(cell)
+            low, high = points.min(axis=0), points.max(axis=0)
+            beyond = SURROUNDINGS * (high - low)
+            return _whole(
+                np.vstack([points, np.clip(obstacles, low - beyond * [1.0, 1.0, 0.0], high + beyond)]),
+                np.array(self.toward_camera),
+            )
         target = body_position + np.array([0.0, 0.0, self.above_body])
         return target + self.toward_camera, target
 
@@ -52,9 +62,9 @@ class RecordedView:
     from_body: bool
 
     @classmethod
-    def of(cls, view: View, cell: Cell) -> RecordedView:
-        """Return a view of a cell."""
-        position, target = view.place(cell, np.zeros(3))
+    def of(cls, view: View, cell: Cell, obstacles: Array) -> RecordedView:
+        """Return a view of a cell with obstacles (n, 3) [m]."""
+        position, target = view.place(cell, np.zeros(3), obstacles)
         return cls(tuple(position.tolist()), tuple(target.tolist()), view.above_body is not None)
 
 

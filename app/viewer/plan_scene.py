@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from viser import ArrowsHandle, FrameHandle, LabelHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.body_drawing import Stage, add_frame, draw_body, place, place_at
+from app.viewer.body_drawing import Stage, add_frame, draw_body, place, place_at, surface_of
+from app.viewer.camera import NO_OBSTACLES
 from app.viewer.considered import draw_grasps, draw_places
 from app.viewer.palette import FORCE_SCALES, Rgb, linear_rgb, meaning_of, object_tint, rgb
 from app.viewer.playback import Playback, SourceName, objects_of_segments
 from planners.cell.cell import Cell
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.task_spec import SuctionToolTask
-from planners.geometry.pose import Array, Transform, frame_from_z, transform
+from planners.geometry.pose import Array, Transform, frame_from_z, from_pose7, transform
 from planners.geometry.surface import hull_with_faces
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument
@@ -58,6 +59,13 @@ class Gate:
     """Layers none of which may be shown."""
 
 
+def _points_of(body: BodyDocument) -> Array:
+    """Return the vertices (n, 3) of a body where it is at the start, in the world [m]."""
+    vertices, _, _ = surface_of(body.role, body.shape)
+    T_world_body = from_pose7(body.pose)
+    return vertices @ T_world_body[:3, :3].T + T_world_body[:3, 3]
+
+
 class PlanScene:
     """One plan in one scene. Methods may be called from any one thread at a time."""
 
@@ -86,6 +94,9 @@ class PlanScene:
             name: draw_body(scene, f"{root}/bodies/{name}", body.role, body.shape, body.pose, tint=tints.get(name))
             for name, body in plan.bodies.items()
         }
+        standing = [body for body in plan.bodies.values() if body.role == "obstacle"]
+        self.obstacles = np.vstack([NO_OBSTACLES, *map(_points_of, standing)])
+        """Points (n, 3) that obstacles lie between, in the world [m]."""
         self._poses = {name: np.zeros(7) for name in self._bodies}
         self._body_frames = self._add_body_frames(plan)
         self._names = [self._add_name(name, body) for name, body in plan.bodies.items() if body.role in NAMED]

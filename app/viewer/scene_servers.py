@@ -27,7 +27,7 @@ from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
 from app.viewer.body_drawing import EmptyCell, Stage
-from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW, PERCEIVED_VIEW, VIEWS, RecordedView, View
+from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW, NO_OBSTACLES, PERCEIVED_VIEW, VIEWS, RecordedView, View
 from app.viewer.description import PlanDescription
 from app.viewer.editor.draft import DEFAULT_CELLS
 from app.viewer.editor.draft_scene import DraftListener, DraftScene
@@ -134,11 +134,9 @@ class SceneServer:
             all_clients: whether that goes for those too whose camera was moved, or who came by an address that tells
                 of one.
         """
-        assert self._shown is not None
-        assert self._stage is not None
         first, clients = self._server.initial_camera, self._server.get_clients().values()
         unmoved = [each for each in clients if np.allclose(each.camera.position, first.position, atol=STILL)]
-        first.position, first.look_at = view.place(self._stage.cell, self._shown.body_position)
+        first.position, first.look_at = self._place(view)
         self._turn(clients if all_clients else unmoved, view)
 
     def _cleared(self, cell: Cell, meshes: LinkMeshes) -> Stage:
@@ -176,10 +174,17 @@ class SceneServer:
     def _turn(self, clients: Iterable[viser.ClientHandle], view: View) -> None:
         if self._shown is None or self._stage is None:
             return
-        position, target = view.place(self._stage.cell, self._shown.body_position)
+        position, target = self._place(view)
         for client in clients:
             with client.atomic():
                 client.camera.position, client.camera.look_at = position, target
+
+    def _place(self, view: View) -> tuple[Array, Array]:
+        """Return where a camera is and what it looks at (3,), of what is shown [m]."""
+        assert self._shown is not None
+        assert self._stage is not None
+        obstacles = self._shown.obstacles if isinstance(self._shown, PlanScene) else NO_OBSTACLES
+        return view.place(self._stage.cell, self._shown.body_position, obstacles)
 
     @property
     def camera(self) -> tuple[Array, Array] | None:
@@ -198,7 +203,7 @@ class SceneServer:
         assert isinstance(self._shown, PlanScene)
         assert self._stage is not None
         gates = self._shown.show_all_layers()
-        views = {name: RecordedView.of(view, self._stage.cell) for name, view in VIEWS.items()}
+        views = {name: RecordedView.of(view, self._stage.cell, self._shown.obstacles) for name, view in VIEWS.items()}
         serializer = self._server.get_scene_serializer()
         begins: dict[SourceName, float] = {}
         pictures = 0

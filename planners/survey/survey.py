@@ -90,7 +90,8 @@ class SurveyFigures(StrictModel):
         x, y = self.table
         said = [f"Table {x:g} × {y:g} m; hands were sent to places {1e3 * self.height:.0f} mm above it."]
         for name, arm in self.arms.items():
-            masses = f"{arm.least_mass:.1f} to {arm.largest_mass:.1f} kg" if arm.reached else "nothing"
+            least, most = f"{arm.least_mass:.1f}", f"{arm.largest_mass:.1f}"
+            masses = (most if least == most else f"{least} to {most}") + " kg" if arm.reached else "nothing"
             said.append(
                 f"The {name} arm ({arm.hand}) reaches {100 * arm.reached:.0f} % of it, pointing down "
                 f"{100 * arm.reached_downwards:.0f} %, and may hold {masses} there."

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.documents import bodies_of
 
-from app.viewer.camera import FIELD_OF_VIEW, VIEWS
+from app.viewer.camera import FIELD_OF_VIEW, NO_OBSTACLES, VIEWS
 from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import Array
 from planners.kinematics.forward import flange_pose
@@ -20,9 +20,11 @@ CORNERS = np.array(list(np.ndindex(2, 2, 2))) - 0.5
 """Of a box whose edges are 1."""
 
 
-def projected(view: str, points: Array, cell: str, body_position: Array = MIDDLE) -> Array:
+def projected(
+    view: str, points: Array, cell: str, body_position: Array = MIDDLE, obstacles: Array = NO_OBSTACLES
+) -> Array:
     """Return where points (n, 3) are in a picture that reaches from -1 to 1 to the right and upward."""
-    position, target = VIEWS[view].place(load_cell(cell), body_position)
+    position, target = VIEWS[view].place(load_cell(cell), body_position, obstacles)
     forward = (target - position) / np.linalg.norm(target - position)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -43,6 +45,18 @@ def test_a_cell_is_seen_whole_and_large_whatever_its_size(cell: str, view: str) 
     seen = projected(view, np.vstack([above, [T[:3, 3] for T in (*bases, *hands)]]), cell)
     assert np.abs(seen).max() < 1.0
     assert np.abs(seen).max() > 0.9
+
+
+@pytest.mark.parametrize("view", sorted(set(VIEWS) - {"close"}))
+def test_a_beam_above_the_table_is_in_the_picture_and_a_far_wall_does_not_shrink_it(view: str) -> None:
+    cell = known_cells()[0]
+    table = bodies_of(load_cell(cell))["table"]
+    beam = CORNERS * [0.05, 0.8, 0.05] + [*table["pose"][:2], table["pose"][2] + 0.75]
+    wall = CORNERS * [0.1, 9.0, 5.0] + [6.0, 0.0, 2.5]
+    assert np.abs(projected(view, beam, cell, obstacles=beam)).max() < 1.0
+    edge = CORNERS * table["shape"]["size"] + table["pose"][:3]
+    small, large = (np.ptp(projected(view, edge, cell, obstacles=o), axis=0).max() for o in (wall, NO_OBSTACLES))
+    assert small > 0.5 * large
 
 
 @pytest.mark.parametrize("height", [1.1, 1.3, 1.6])

@@ -313,9 +313,10 @@ class Editor {
   judged(accepted) {
     const status = byId("check-status");
     const count = this.errors.length;
-    status.className = accepted ? "yes" : "no";
-    status.textContent = accepted ? ["The service would take this task.", ...this.warnings.map(({ pointer, detail }) => `${pointer}: ${detail}.`)].join(" ") : count === 1 ? "The service would refuse this:" : `The service would refuse this, for ${count} reasons:`;
-    keepFocus(byId("refusals"), this.errors.slice(0, 20).map((error) => {
+    const begun = this.things.length > 0 || accepted;
+    status.className = accepted ? "yes" : begun ? "no" : "";
+    status.textContent = !begun ? `Add ${this.draft.task.kind === "plate_lift" ? "a plate and a cup" : "objects"}, or begin with an example.` : accepted ? ["The service would take this task.", ...this.warnings.map(({ pointer, detail }) => `${pointer}: ${detail}.`)].join(" ") : count === 1 ? "The service would refuse this:" : `The service would refuse this, for ${count} reasons:`;
+    keepFocus(byId("refusals"), (begun ? this.errors : []).slice(0, 20).map((error) => {
       const thing = this.thingOf(error.pointer);
       const where = thing ? (error.detail.startsWith(thing.words) ? "" : `${thing.words}: `) : `${error.pointer || "the task"}: `;
       const button = element("button", { title: error.pointer, onclick: () => this.goTo(error) }, element("b", { textContent: where }), error.detail, ...choicesOf(error));
