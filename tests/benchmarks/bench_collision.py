@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import process_time
 
 import fcl
@@ -75,12 +75,18 @@ def _model(cell: Cell) -> CollisionModel:
 
 
 class PinocchioScene:
-    """The query's shapes and pairs in pinocchio, its arms rebuilt from their DH tables."""
+    """The query's shapes and pairs in pinocchio, its arms rebuilt from their DH tables.
 
-    def __init__(self, cell: Cell, query: CollisionQuery) -> None:
+    `movable` says where other bodies stand in the world (`PLACEMENTS` unless told); nothing comes nearer than `margin`.
+    """
+
+    def __init__(
+        self, cell: Cell, query: CollisionQuery, movable: Mapping[str, Transform] | None = None, margin: float = 0.0
+    ) -> None:
         self.model = pin.Model()
         geometry = pin.GeometryModel()
-        holders = {"world": (0, np.eye(4)), **_movable_frames()}
+        standing = _movable_frames() if movable is None else {name: (0, T) for name, T in movable.items()}
+        holders = {"world": (0, np.eye(4)), **standing}
         for name, arm in cell.arms.items():
             joint, T = 0, arm.T_world_base
             holders[f"{name}/0"] = (0, T)
@@ -97,6 +103,8 @@ class PinocchioScene:
             geometry.addCollisionPair(pin.CollisionPair(a, b))
         self.geometry = geometry
         self.data, self.geometry_data = self.model.createData(), pin.GeometryData(geometry)
+        for request in self.geometry_data.collisionRequests:
+            request.security_margin = margin
         self.manager = pin.BroadPhaseManager_NaiveCollisionManager(self.model, geometry, self.geometry_data)
 
     def broadphase(self, q: Array) -> bool:
