@@ -99,7 +99,7 @@ QUICK = Effort(
     many_workers=ManyWorkersEffort((ManyWorkersCase(2, 0.1, 10),), 2.0),
     days=DaysEffort(("SQLite",), 10.0, 1.0, 0.2), days_jobs=40,
     fleet=False, random_lifts=2, reserve_runs=1,
-    peers=PeersEffort(motions=2, poses=20, iterated=5, programs=5),
+    peers=PeersEffort(motions=2, poses=20, iterated=5, programs=5, handovers=0),
     cells=("dual_ur3_tool",), cell_tasks=1, study_places=2, remedy_searches=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

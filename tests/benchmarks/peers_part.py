@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from tests.benchmarks.effort import Effort
 from tests.benchmarks.markdown import cell, table
 from tests.benchmarks.part import Findings, Limit
 from tests.benchmarks.peers.balance_contest import balance_contest
 from tests.benchmarks.peers.contest import Contest, Entry, NotMeasured
+from tests.benchmarks.peers.handover_contest import handover_contest
 from tests.benchmarks.peers.kinematics_contest import kinematics_contests
 from tests.benchmarks.peers.motion_contest import MotionCases, motion_contests
 from tests.benchmarks.peers.timing_contest import timing_contests
@@ -18,23 +20,33 @@ from tests.benchmarks.tasks import Note
 
 PACKAGES = ("toppra", "ruckig", "eaik", "ur-analytic-ik", "hpp-python")
 """Whose versions are told beside those that every part tells."""
+SHOWN = ("length", "duration")
+"""Sizes whose ratio stands in the table of all; numbers of postures and efforts are alike where both are right."""
 SLIGHT = 0.01
 """Relative difference that is no difference."""
 
 
 def measure(effort: Effort, note: Note, folder: Path) -> Findings:
-    """Give everybody the same cases: about three minutes."""
+    """Give everybody the same cases: about ten minutes, of which HPP takes up to five."""
     del folder
     asked = effort.peers
     note("peers: motion, ours")
     cases = MotionCases.draw(asked.motions)
     found = [
         *motion_contests(cases, note),
+        *_handovers(asked.handovers, note),
         *timing_contests(cases, note),
         *kinematics_contests(asked.poses, asked.iterated, note),
         balance_contest(asked.programs, note),
     ]
     return Findings(list(peers_limits(found)), peers_sections(found))
+
+
+def _handovers(runs: int, note: Note) -> list[Contest]:
+    if not runs:
+        return []
+    with TemporaryDirectory() as databases:
+        return [handover_contest(runs, note, Path(databases))]
 
 
 def peers_limits(found: Sequence[Contest]) -> Iterator[Limit]:
@@ -55,7 +67,7 @@ def _summary(found: Sequence[Contest]) -> str:
         (peer.name, contest.what, None, None, contest.ours.success, None)
         if isinstance(peer, NotMeasured)
         else (peer.name, contest.what, contest.time_ratio(peer), peer.success, contest.ours.success,
-              contest.size_ratio(peer))
+              contest.size_ratio(peer) if contest.size in SHOWN else None)
         for contest in found
         for peer in contest.peers
     ]  # fmt: skip

@@ -6,10 +6,14 @@ import math
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
+from planners.cell.cell import load_cell
 from planners.motion.timing import JointLimits
+from planners.program.cell_description import CellDescription
 from tests.benchmarks.peers.contest import Contest, Entry, NotMeasured, tried
+from tests.benchmarks.peers.handover_contest import with_fixed_fingers
 from tests.benchmarks.peers.kinematics_contest import different
 from tests.benchmarks.peers.mplib_scene import INTERPRETER, REASON, BoxObstacle, NoInterpreter, ask_mplib
 from tests.benchmarks.peers.timing_contest import keeps
@@ -79,6 +83,20 @@ def test_without_an_interpreter_that_has_mplib_the_reason_is_told(monkeypatch: p
     with pytest.raises(NoInterpreter, match="numpy"):
         ask_mplib(None, BoxObstacle("plate", (1.0, 1.0, 1.0), np.eye(4), ()), [], 1.0)
     assert INTERPRETER in REASON
+
+
+def test_fingers_that_are_fixed_stand_as_far_apart_as_they_are_told_to() -> None:
+    cell = load_cell("dual_ur3e_tool")
+    description = CellDescription(cell, "cell")
+    places = []
+    for width in (0.02, 0.05):
+        model = pin.buildModelFromXML(with_fixed_fingers(description, cell, {"left": width, "right": 0.03}))
+        assert model.nq == 12
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, pin.neutral(model))
+        places.append([data.oMf[model.getFrameId(f"left_pad_{i}")].translation for i in (0, 1)])
+    narrow, wide = (float(np.linalg.norm(a - b)) for a, b in places)
+    assert wide - narrow == pytest.approx(0.03, abs=1e-6)
 
 
 def test_postures_that_full_turns_part_are_the_same() -> None:

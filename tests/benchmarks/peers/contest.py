@@ -21,6 +21,8 @@ class PeersEffort:
     iterated: int = 200
     """Of the poses, by iteration."""
     programs: int = 100
+    handovers: int = 5
+    """How often the handover is planned; 0: not at all."""
 
 
 @dataclass(frozen=True)

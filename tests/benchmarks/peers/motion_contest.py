@@ -76,7 +76,7 @@ class MotionCases:
 
     def scene(self, margin: float) -> PinocchioScene:
         """Return the scene in coal."""
-        return PinocchioScene(self.cell, motion_scene(self.cell), {"plate": plate_pose(self.cell)}, margin)
+        return PinocchioScene(self.cell, motion_scene(self.cell), {"plate": ("world", plate_pose(self.cell))}, margin)
 
     @cached_property
     def oracle(self) -> PinocchioScene:
