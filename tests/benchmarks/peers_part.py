@@ -39,7 +39,8 @@ def measure(effort: Effort, note: Note, folder: Path) -> Findings:
         *kinematics_contests(asked.poses, asked.iterated, note),
         balance_contest(asked.programs, note),
     ]
-    return Findings(list(peers_limits(found)), peers_sections(found))
+    left_out = [] if asked.handovers else [NotMeasured("HPP", "the handover is left out of this run")]
+    return Findings(list(peers_limits(found)), peers_sections(found, left_out))
 
 
 def _handovers(runs: int, note: Note) -> list[Contest]:
@@ -56,9 +57,9 @@ def peers_limits(found: Sequence[Contest]) -> Iterator[Limit]:
         yield Limit(f"{contest.what}: answers of ours that the check refuses", "= 0", refused, not refused)
 
 
-def peers_sections(found: Sequence[Contest]) -> list[str]:
+def peers_sections(found: Sequence[Contest], left_out: Sequence[NotMeasured] = ()) -> list[str]:
     """Return the table of all, where we lose, what could not be measured, and how each fared by itself."""
-    return [_summary(found), _losses(found), _not_measured(found), _details(found)]
+    return [_summary(found), _losses(found), _not_measured(found, left_out), _details(found)]
 
 
 def _summary(found: Sequence[Contest]) -> str:
@@ -112,8 +113,9 @@ def losses(contest: Contest, peer: Entry) -> Iterator[str]:
         yield f"{what}: {peer.name} has {100 * abs(1.0 - size):.1f} % {word} {contest.size} in the median."
 
 
-def _not_measured(found: Sequence[Contest]) -> str:
-    absent = {peer.name: peer.reason for each in found for peer in each.peers if isinstance(peer, NotMeasured)}
+def _not_measured(found: Sequence[Contest], left_out: Sequence[NotMeasured]) -> str:
+    peers = [*(peer for each in found for peer in each.peers), *left_out]
+    absent = {peer.name: peer.reason for peer in peers if isinstance(peer, NotMeasured)}
     lines = [f"- {name}: {reason}." for name, reason in absent.items()]
     return "### What could not be measured\n\n" + ("\n".join(lines) or "Everything was.")
 

@@ -27,14 +27,14 @@ CONTEST = Contest("motion (3)", OURS, [WORSE, BETTER, ABSENT], "length", text="H
 
 
 def test_every_peer_has_a_row_and_those_that_were_not_measured_have_a_reason() -> None:
-    summary, lost, missing, details = peers_sections([CONTEST])
+    summary, lost, missing, details = peers_sections([CONTEST], [NotMeasured("Elsewhere", "it is left out")])
     assert "| Slow | motion (3) | 100 | 0.667 | 1 | 1.50 |" in summary
     assert "| Quick | motion (3) | 0.500 | 1 | 1 | 0.900 |" in summary
     assert "| Absent | motion (3) | – | – | 1 | – |" in summary
     assert "Quick is 2.0 times as fast" in lost
     assert "Quick has 10.0 % less length" in lost
     assert "Slow" not in lost
-    assert "- Absent: it has no wheel." in missing
+    assert missing.endswith("- Absent: it has no wheel.\n- Elsewhere: it is left out.")
     assert "| Slow: motion (3) | 200 | 380 | 0.667 | 1 | 4.50 |" in details
     for text in (summary, details):
         blocks = re.findall(r"(?:^\|.*\n)+", f"{text}\n", re.MULTILINE)
