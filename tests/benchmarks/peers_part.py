@@ -74,8 +74,9 @@ def _summary(found: Sequence[Contest]) -> str:
     ]  # fmt: skip
     text = (
         "Medians of CPU time on one core, in one run, on the same cases; success is the share of cases whose answer "
-        "passes one check of ours that shares no code with what is checked: coal for paths, pinocchio for postures, "
-        "differences of samples for time laws, the program as it is printed for forces. A dash: not measured, or "
+        "passes a check that is the same for all and takes nobody's word: coal on pinocchio's kinematics for paths, "
+        "pinocchio for postures, differences of samples for time laws, the program as it is printed, in cvxpy, for "
+        "forces. Answers that come too late or are refused are in the time, too. A dash: not measured, or "
         f"nothing to compare. {_versions()}"
     )
     return "\n\n".join(["### Ours beside each", text, table(head, rows)])
