@@ -16,6 +16,7 @@ from planners.geometry.pose import rotation_x, rotation_y, rotation_z
 from tests.support.balance_statement import Plate, state_balance
 
 Item = TypeVar("Item")
+BalanceNode = tuple[np.ndarray, np.ndarray, GripContacts, PushContact]
 
 HALF = np.array([0.15, 0.15, 0.02])
 CORNERS = HALF * np.array([[-1, -1, -1], [-1, 1, -1], [1, 1, -1], [1, -1, -1]])
@@ -34,10 +35,10 @@ def measure() -> dict[str, float]:
         (rotations[pose], points[pose], grips[rng.integers(GRIPS)], pushes[rng.integers(PUSHES)])
         for pose in rng.integers(POSES, size=PROBLEMS)
     ]
-    balance = _balance()
+    balance = new_balance()
     answers = [balance.solve(*node) for node in nodes]
     template = _microseconds(lambda node: balance.solve(*node), nodes)
-    rebuilt = _microseconds(lambda node: _balance().solve(*node), nodes[:100])
+    rebuilt = _microseconds(lambda node: new_balance().solve(*node), nodes[:100])
     stated = _microseconds(lambda node: state_balance(PLATE, *node).problem.solve(solver="CLARABEL"), nodes[:STATED])
     table = TwistTable(balance, rotations, points, grips, pushes)
     proofs = [answer.proof for answer in answers if isinstance(answer, Unbalanced) and answer.proof is not None]
@@ -54,7 +55,15 @@ def measure() -> dict[str, float]:
     }
 
 
-def _balance() -> Balance:
+def balance_nodes(problems: int) -> list[BalanceNode]:
+    """Draw rotations of the plate, points it stands on, grips and pushes."""
+    rng = np.random.default_rng(0)
+    rotations, points = _poses(rng)
+    return [(rotations[pose], points[pose], _grip(rng), _push(rng)) for pose in rng.integers(POSES, size=problems)]
+
+
+def new_balance() -> Balance:
+    """Return a solver of the plate's program."""
     return Balance(PLATE.mass, PLATE.com, PLATE.cup, PLATE.friction, PLATE.limits, PLATE.lifter_model)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import process_time
 
 import fcl
@@ -22,6 +22,7 @@ EDGE_LENGTH = 0.3
 SPREAD = 1.0
 """Of configurations about home [rad]."""
 AGREED = [("plate", "table"), ("plate", "cup"), ("plate", "cable"), ("cup", "cable")]
+Movable = Mapping[str, tuple[str, Transform]]
 PLACEMENTS = {
     "plate": Fixed(transform(rotation_z(0.35), [0.3, 0.0, 1.1145])),
     "cup": Riding("plate", transform(position=[0.03, 0.02, 0.035])),
@@ -75,12 +76,16 @@ def _model(cell: Cell) -> CollisionModel:
 
 
 class PinocchioScene:
-    """The query's shapes and pairs in pinocchio, its arms rebuilt from their DH tables."""
+    """The query's shapes and pairs in pinocchio, its arms rebuilt from their DH tables.
 
-    def __init__(self, cell: Cell, query: CollisionQuery) -> None:
+    `movable` says in which frame and where in it other bodies are (`PLACEMENTS` unless told); nothing comes nearer than
+    `margin`.
+    """
+
+    def __init__(self, cell: Cell, query: CollisionQuery, movable: Movable | None = None, margin: float = 0.0) -> None:
         self.model = pin.Model()
         geometry = pin.GeometryModel()
-        holders = {"world": (0, np.eye(4)), **_movable_frames()}
+        holders = {"world": (0, np.eye(4)), **(_movable_frames() if movable is None else {})}
         for name, arm in cell.arms.items():
             joint, T = 0, arm.T_world_base
             holders[f"{name}/0"] = (0, T)
@@ -89,6 +94,9 @@ class PinocchioScene:
                 joint = self.model.addJoint(joint, pin.JointModelRZ(), T_joint, f"{name}_{i}")
                 T = transform(rotation_x(alpha), [a, 0.0, d])
                 holders[f"{name}/{i + 1}"] = (joint, T)
+        for name, (frame, T_frame_body) in (movable or {}).items():
+            joint, T = holders[frame]
+            holders[name] = (joint, T @ T_frame_body)
         for number, (frame, shape) in enumerate(_framed_shapes(query)):
             joint, T = holders[frame]
             local, T_shape = _coal_geometry(shape)
@@ -97,6 +105,8 @@ class PinocchioScene:
             geometry.addCollisionPair(pin.CollisionPair(a, b))
         self.geometry = geometry
         self.data, self.geometry_data = self.model.createData(), pin.GeometryData(geometry)
+        for request in self.geometry_data.collisionRequests:
+            request.security_margin = margin
         self.manager = pin.BroadPhaseManager_NaiveCollisionManager(self.model, geometry, self.geometry_data)
 
     def broadphase(self, q: Array) -> bool:

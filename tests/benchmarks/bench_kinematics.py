@@ -20,9 +20,9 @@ def measure() -> dict[str, float]:
     rng = np.random.default_rng(0)
     reached = rng.uniform(-np.pi, np.pi, (POSES, 6))
     targets = np.array([flange_pose(UR3E, np.eye(4), q) for q in reached])
-    _all_branches(UR3E, targets[:1])
+    all_branches(UR3E, targets[:1])
     begun = process_time()
-    solutions = _all_branches(UR3E, targets)
+    solutions = all_branches(UR3E, targets)
     closed_us = 1e6 * (process_time() - begun) / POSES
     arm = PinocchioArm(UR3E)
     begun = process_time()
@@ -38,7 +38,7 @@ def measure() -> dict[str, float]:
 
 
 @njit(cache=True)
-def _all_branches(dh, targets):
+def all_branches(dh, targets):
     solutions, count = np.empty((8, 6)), 0
     for k in range(targets.shape[0]):
         valid = inverse_kinematics(dh, targets[k], 0.0, solutions)

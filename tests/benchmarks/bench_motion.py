@@ -11,7 +11,7 @@ from planners.cell.arm import Arm
 from planners.cell.cell import Cell, load_cell
 from planners.collision.model import CollisionModel, CollisionQuery, Fixed
 from planners.geometry.convex import CollisionBody, box
-from planners.geometry.pose import Array, rotation_y, transform
+from planners.geometry.pose import Array, Transform, rotation_y, transform
 from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import inverse_kinematics
 from planners.kinematics.windings import all_windings
@@ -26,6 +26,7 @@ from tests.benchmarks.path_shortening import lengths_shortened
 
 PROBLEMS_PER_ARM = 40
 MARGIN = 0.003
+PLATE_SIZE = (0.3, 0.3, 0.04)
 JOINTS = {"left": slice(0, 6), "right": slice(6, 12)}
 
 
@@ -41,11 +42,11 @@ class Answer:
 def measure() -> dict[str, float]:
     """Return CPU milliseconds, and how paths and durations compare with bounds and with OMPL's simplifier."""
     cell = load_cell("dual_ur3e_lift")
-    scene = _scene(cell)
-    queries = [query for arm in cell.arms.values() for query in _queries(cell, arm, scene)]
+    scene = motion_scene(cell)
+    queries = [query for arm in cell.arms.values() for query in motion_queries(cell, arm, scene)]
     limits = JointLimits(cell.arms["left"].velocity_max, cell.arms["left"].acceleration_max)
-    _timed(queries[0], 0)
-    answers = [_timed(query, seed) for seed, query in enumerate(queries)]
+    timed_answer(queries[0], 0)
+    answers = [timed_answer(query, seed) for seed, query in enumerate(queries)]
     found = [answer for answer in answers if answer.result.outcome is MotionOutcome.FOUND]
     searched = [answer for answer in found if answer.result.statistics.iterations]
     straight = [answer for answer in found if not answer.result.statistics.iterations]
@@ -70,20 +71,25 @@ def measure() -> dict[str, float]:
     }
 
 
-def _scene(cell: Cell) -> CollisionQuery:
-    plate = CollisionBody("plate", "plate", "plate", (box([0.3, 0.3, 0.04]),))
+def plate_pose(cell: Cell) -> Transform:
+    """Return where the tilted plate is."""
+    return transform(rotation_y(-1.0), [0.32, 0.0, cell.table_top + 0.15])
+
+
+def motion_scene(cell: Cell) -> CollisionQuery:
+    """Return the cell with the plate."""
+    plate = CollisionBody("plate", "plate", "plate", (box(PLATE_SIZE),))
     arms = {name: (arm.dh, arm.T_world_base) for name, arm in cell.arms.items()}
     model = CollisionModel.build(arms, [*cell.collision_bodies(), plate], set(cell.excluded_pairs))
-    T_world_plate = transform(rotation_y(-1.0), [0.32, 0.0, cell.table_top + 0.15])
-    return model.scene({"plate": Fixed(T_world_plate)}, allowed=[("plate", "table")], margin=MARGIN)
+    return model.scene({"plate": Fixed(plate_pose(cell))}, allowed=[("plate", "table")], margin=MARGIN)
 
 
-def _queries(cell: Cell, arm: Arm, scene: CollisionQuery) -> list[MotionQuery]:
-    """From a free flange pose above the table to all branches and windings of another."""
+def motion_queries(cell: Cell, arm: Arm, scene: CollisionQuery, problems: int = PROBLEMS_PER_ARM) -> list[MotionQuery]:
+    """Return queries from a free flange pose above the table to all branches and windings of another."""
     rng = np.random.default_rng(0)
     checker = ArmEdgeChecker(scene, cell.home, JOINTS[arm.name])
     reachable: list[Array] = []
-    while len(reachable) < 2 * PROBLEMS_PER_ARM:
+    while len(reachable) < 2 * problems:
         q = rng.uniform(-np.pi, np.pi, 6)
         T_world_flange = flange_pose(arm.dh, arm.T_world_base, q)
         x, _, height = T_world_flange[:3, 3] - [0.0, 0.0, cell.table_top]
@@ -106,7 +112,8 @@ def _windings(arm: Arm, q: Array) -> Array:
     )
 
 
-def _timed(query: MotionQuery, seed: int) -> Answer:
+def timed_answer(query: MotionQuery, seed: int) -> Answer:
+    """Answer a query."""
     started = process_time()
     result = plan_motion(query, MotionSettings(), np.random.default_rng(seed))
     return Answer(query, result, 1e3 * (process_time() - started))

@@ -24,6 +24,7 @@ from tests.benchmarks.bench_fairness import FairnessEffort
 from tests.benchmarks.bench_many_workers import ManyWorkersCase, ManyWorkersEffort
 from tests.benchmarks.cell_tasks import EXAMPLES
 from tests.benchmarks.load import LoadEffort
+from tests.benchmarks.peers.contest import PeersEffort
 from tests.benchmarks.random_piles import PILES, Pile
 from tests.benchmarks.tasks import SOLVABLE, TOO_HEAVY
 
@@ -81,6 +82,7 @@ class Effort:
     """Of the cup along each axis of the plate, in the map of a study."""
     remedy_searches: int = 12
     """Lifts without a plan for which what helps is looked for."""
+    peers: PeersEffort = PeersEffort()  # noqa: RUF009 - frozen
     frames: int = 200
     """Of each kind, for perception."""
     scan_share: float = 1.0
@@ -97,6 +99,7 @@ QUICK = Effort(
     many_workers=ManyWorkersEffort((ManyWorkersCase(2, 0.1, 10),), 2.0),
     days=DaysEffort(("SQLite",), 10.0, 1.0, 0.2), days_jobs=40,
     fleet=False, random_lifts=2, reserve_runs=1,
+    peers=PeersEffort(motions=2, poses=20, iterated=5, programs=5, handovers=0),
     cells=("dual_ur3_tool",), cell_tasks=1, study_places=2, remedy_searches=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

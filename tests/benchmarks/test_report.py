@@ -56,6 +56,13 @@ SECTIONS = {
         "The largest scans",
     ),
     "Kernels": ("Aimed at and reached", "Beside other libraries", "Kinematics"),
+    "Beside what a user would pick instead": (
+        "Aimed at and reached",
+        "Ours beside each",
+        "Where we lose",
+        "What could not be measured",
+        "How each was used, and how it fared",
+    ),
     "The service: under load": ("Aimed at and reached",),
     "The service: bad input": ("Aimed at and reached",),
     "The service: killed at random": ("Aimed at and reached",),
