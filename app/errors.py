@@ -224,7 +224,9 @@ class CellNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such cel
     """No cell has that id or name."""
 
     def __init__(self, cell_id: str) -> None:
-        super().__init__(f"there is no cell {cell_id[:100]!r}")
+        super().__init__(
+            f"there is no cell {cell_id[:100]!r}; GET /v1/cells, or `liftwright cell list`, has those there are"
+        )
 
 
 class CellIsShipped(ServiceError, status=HTTPStatus.CONFLICT, title="A shipped cell"):

@@ -140,6 +140,8 @@ def _parts(name: str) -> list[tuple[str, Path]]:
     path = Path(name)
     if path.is_dir():
         return [(each.stem, each) for each in sorted(path.iterdir()) if each.stem in known and each.suffix in SUFFIXES]
+    if not path.exists():
+        raise NotScanFiles(f"{name}: there is no such file or folder")
     if path.stem not in known:
         raise NotScanFiles(f"{name}: a file is called like its part, {', '.join(known)}, or given as depth={name}")
     return [(path.stem, path)]

@@ -156,7 +156,9 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
     if kind in ("union_tag_invalid", "literal_error"):
         return "is none of the valid choices"
     if kind in ("less_than_equal", "greater_than_equal") and _is_length(path):
-        message = f"{message} (metres)"
+        message = f"{message} metres" + (": is it in millimetres?" if kind == "less_than_equal" else "")
+    elif kind in ("less_than_equal", "greater_than_equal") and path and path[-1] == "mass":
+        message = f"{message} kg"
     if kind == "too_long":
         return f"has too many items: {context['max_length']} are expected"
     if kind == "string_pattern_mismatch":

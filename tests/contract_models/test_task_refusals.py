@@ -126,7 +126,7 @@ def test_strings_and_booleans_and_infinities_are_numbers_nowhere(pointer):
 
 def test_a_length_out_of_range_is_told_its_unit():
     (problem,) = problems(changed({"/plate/shape": {"type": "box", "size": [300, 0.15, 0.02]}}))
-    assert problem == Problem("/plate/shape/size/0", "must be less than or equal to 10 (metres)")
+    assert problem == Problem("/plate/shape/size/0", "must be less than or equal to 10 metres: is it in millimetres?")
 
 
 AWAY = [0.7, 300, 1.2, 1, 0, 0, 0]
@@ -143,7 +143,7 @@ AWAY = [0.7, 300, 1.2, 1, 0, 0, 0]
 def test_a_position_out_of_range_is_told_its_unit(change, pointer):
     (problem,) = problems(changed(change))
     assert problem.pointer == pointer
-    assert problem.detail.endswith("(metres)")
+    assert problem.detail.endswith(" metres: is it in millimetres?")
 
 
 def test_a_component_of_a_quaternion_has_no_unit():

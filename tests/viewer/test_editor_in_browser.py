@@ -121,7 +121,7 @@ def wait_for_scene(page: Page) -> None:
 def wait_for_verdict(page: Page, *, accepted: bool) -> None:
     """Wait until the service has judged the task as it is now."""
     page.wait_for_function("!editor.checking && !editor.asked")
-    page.wait_for_selector("#check-status.yes" if accepted else "#check-status.no")
+    page.wait_for_selector("#check-status.yes" if accepted else "#check-status:is(.no, .empty)")
 
 
 def wait_for_moves(page: Page, number: int) -> None:
@@ -169,6 +169,9 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page
     wait_for_scene(page)
     assert draft(page) == {"kind": "plate_lift"}
     wait_for_verdict(page, accepted=False)
+    # Nobody is blamed for what is not begun.
+    expect(page.locator("#check-status")).to_have_text("Add a plate and a cup, or begin with an example.")
+    assert page.locator("#refusals li").count() == 0
     page.locator("#add-plate").click()
     page.locator("#add-cup").click()
     wait_for_verdict(page, accepted=True)

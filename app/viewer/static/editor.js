@@ -314,7 +314,7 @@ class Editor {
     const status = byId("check-status");
     const count = this.errors.length;
     const begun = this.things.length > 0 || accepted;
-    status.className = accepted ? "yes" : begun ? "no" : "";
+    status.className = accepted ? "yes" : begun ? "no" : "empty";
     status.textContent = !begun ? `Add ${this.draft.task.kind === "plate_lift" ? "a plate and a cup" : "objects"}, or begin with an example.` : accepted ? ["The service would take this task.", ...this.warnings.map(({ pointer, detail }) => `${pointer}: ${detail}.`)].join(" ") : count === 1 ? "The service would refuse this:" : `The service would refuse this, for ${count} reasons:`;
     keepFocus(byId("refusals"), (begun ? this.errors : []).slice(0, 20).map((error) => {
       const thing = this.thingOf(error.pointer);
