@@ -4,6 +4,10 @@ Most nodes of a manipulation graph are never on a cheap path, and to examine one
 search is an A* in which a node starts as *unknown*, with a lower bound of its load, and is examined when it is
 first taken from the queue. Whether all nodes are examined beforehand or on demand, the path is the same: costs
 are whole numbers (exactly additive in any order), and equal costs are decided by a second cost, then by node.
+
+A graph is searched many times, from each start and after every failure. What is left to pay from each node to a goal
+is computed backward, once for all starts, from what is known then (`GoalSearch`): what becomes known later, loads and
+failures, only makes it more, so that it stays a lower bound, and an A* with it goes straight where nothing has changed.
 """
 
 from __future__ import annotations
@@ -41,6 +45,8 @@ class StateGraph(NamedTuple):
     """(A,) second cost, which decides between equally cheap paths."""
     edge: NDArray[np.int32]
     """(A,) number of the undirected edge that the arc belongs to."""
+    cost_back: NDArray[np.int64]
+    """(A,) cost of the arc the other way."""
 
     @property
     def node_count(self) -> int:
@@ -91,22 +97,57 @@ def graph_from_edges(
     effort: NDArray[np.float64],
 ) -> StateGraph:
     """Build a graph from E undirected edges; `costs` is (E, 2): from tail to head, and back."""
-    count = len(tail)
-    tails = np.concatenate([tail, head])
-    heads = np.concatenate([head, tail]).astype(np.int32)
-    order = np.lexsort((heads, tails))
-    row_start = np.zeros(node_count + 1, np.int64)
-    np.cumsum(np.bincount(tails, minlength=node_count), out=row_start[1:])
-    both = np.concatenate([costs[:, 0], costs[:, 1]])
-    edge = np.concatenate([np.arange(count), np.arange(count)]).astype(np.int32)
+    both, second = whole(costs), whole(effort)
+    row_start, arc = _rows(node_count, np.asarray(tail, np.int32), np.asarray(head, np.int32))
+    # Arc k < E leads from the tail of edge k to its head, arc E + k back.
+    edge = np.where(arc < len(tail), arc, arc - len(tail)).astype(np.int32)
+    back = arc >= len(tail)
     return StateGraph(
         row_start,
-        heads[order],
-        whole(both)[order],
-        np.concatenate([loaded, loaded])[order],
-        whole(np.concatenate([effort, effort]))[order],
-        edge[order],
+        np.where(back, tail[edge], head[edge]).astype(np.int32),
+        np.where(back, both[edge, 1], both[edge, 0]),
+        loaded[edge],
+        second[edge],
+        edge,
+        np.where(back, both[edge, 0], both[edge, 1]),
     )
+
+
+@njit(cache=True, nogil=True)
+def _rows(node_count, tail, head):
+    """Return the arcs (2 E,) of undirected edges ordered by the node that they leave, then by where they lead.
+
+    Args:
+        node_count: N.
+        tail: (E,) of the arcs 0 to E - 1.
+        head: (E,) likewise; the arcs E to 2 E - 1 lead back.
+
+    Returns:
+        (N + 1,) where each node's arcs begin, and the arcs.
+    """
+    count = len(tail)
+    row_start = np.zeros(node_count + 1, np.int64)
+    for k in range(count):
+        row_start[tail[k] + 1] += 1
+        row_start[head[k] + 1] += 1
+    for node in range(node_count):
+        row_start[node + 1] += row_start[node]
+    # As many arcs lead to a node as leave it, so that both passes of this counting sort begin at the same places. What
+    # the first puts one after the other, the second keeps so.
+    by_head, by_tail = np.empty(2 * count, np.int32), np.empty(2 * count, np.int32)
+    place = row_start[:-1].copy()
+    for k in range(count):
+        by_head[place[head[k]]] = k
+        place[head[k]] += 1
+    for k in range(count):
+        by_head[place[tail[k]]] = count + k
+        place[tail[k]] += 1
+    place[:] = row_start[:-1]
+    for arc in by_head:
+        node = tail[arc] if arc < count else head[arc - count]
+        by_tail[place[node]] = arc
+        place[node] += 1
+    return row_start, by_tail
 
 
 def whole(cost: NDArray[np.float64] | float) -> NDArray[np.int64]:
@@ -130,14 +171,132 @@ def cheapest_path(
     consistent lower bound of the remaining cost. With `bottleneck` the path with the smallest largest load is
     sought instead; among such paths arc costs only steer, and their sum need not be the least.
     """
+    return _searched(graph, knowledge, start, goal, heuristic, examine, bottleneck=bottleneck)[0]
+
+
+def _searched(
+    graph: StateGraph,
+    knowledge: Knowledge,
+    start: int,
+    goal: NDArray[np.bool_],
+    heuristic: NDArray[np.int64],
+    examine: Callable[[int], None],
+    *,
+    bottleneck: bool,
+) -> tuple[GraphPath | None, int]:
+    """Return what `cheapest_path` returns, and how many nodes were expanded for it."""
     state = _SearchState.begun(graph, start, heuristic)
     while True:
         node = _advance(graph, knowledge, goal, heuristic, bottleneck, state)
         if node == _EXHAUSTED:
-            return None
+            return None, int(state.counters[1])
         if node == _FOUND:
-            return state.path(graph)
+            return state.path(graph), int(state.counters[1])
         examine(int(node))
+
+
+class GoalSearch:
+    """Searches one graph for the cheapest paths to its goals, again and again while ever more of it is known.
+
+    The heuristic is what was left to pay from each node when that was last computed. It is computed again as soon as
+    searches have expanded as many nodes since as the graph has, so that it costs no more than they do.
+    """
+
+    def __init__(
+        self,
+        graph: StateGraph,
+        knowledge: Knowledge,
+        goal: NDArray[np.bool_],
+        examine: Callable[[int], None],
+        *,
+        bottleneck: bool = False,
+    ) -> None:
+        """Prepare.
+
+        Args:
+            graph: what is searched.
+            knowledge: of the graph; it grows.
+            goal: (N,) goals, of which some may be taken away meanwhile.
+            examine: as for `cheapest_path`.
+            bottleneck: likewise; what is left to pay is then of no use.
+        """
+        self._graph, self._knowledge, self._goal = graph, knowledge, goal
+        self._examine, self._bottleneck = examine, bottleneck
+        self._to_go = np.zeros(graph.node_count, np.int64) if bottleneck else None
+        self._expanded = 0
+
+    def path_from(self, start: int) -> GraphPath | None:
+        """Return the cheapest path from a start to any goal; None if there is none."""
+        if not self._bottleneck and (self._to_go is None or self._expanded > self._graph.node_count):
+            self._to_go, self._expanded = costs_to_go(self._graph, self._knowledge, self._goal), 0
+        assert self._to_go is not None
+        path, expanded = _searched(
+            self._graph, self._knowledge, start, self._goal, self._to_go, self._examine, bottleneck=self._bottleneck
+        )
+        self._expanded += expanded
+        return path
+
+
+FAR = np.int64(1) << 60
+"""Stands for what is left to pay where no goal can be come to: those nodes are taken last."""
+
+
+@njit(cache=True, nogil=True)
+def costs_to_go(graph, knowledge, goal):
+    """Return what is left to pay from each node to the nearest goal (N,), were all unknown nodes alive and lightest.
+
+    Nodes that cannot come to a goal have `FAR`, and so have dead ones.
+    """
+    head, row_start, edge, loaded, back = graph.head, graph.row_start, graph.edge, graph.loaded, graph.cost_back
+    status, load, edge_dead = knowledge.status, knowledge.load, knowledge.edge_dead
+    count = status.shape[0]
+    to_go = np.full(count, FAR)
+    queue_cost, queue_node = np.empty(len(head) + count, np.int64), np.empty(len(head) + count, np.int32)
+    length = 0
+    for node in range(count):
+        if goal[node] and status[node] != 2:
+            # All cost nothing: in any order they are a heap.
+            to_go[node] = 0
+            queue_cost[length], queue_node[length] = 0, node
+            length += 1
+    while length > 0:
+        cost, node = queue_cost[0], queue_node[0]
+        length -= 1
+        last_cost, last_node = queue_cost[length], queue_node[length]
+        i = 0
+        while True:
+            child = 2 * i + 1
+            if child >= length:
+                break
+            if child + 1 < length and queue_cost[child + 1] < queue_cost[child]:
+                child += 1
+            if queue_cost[child] >= last_cost:
+                break
+            queue_cost[i], queue_node[i] = queue_cost[child], queue_node[child]
+            i = child
+        queue_cost[i], queue_node[i] = last_cost, last_node
+        if cost > to_go[node]:
+            continue
+        for a in range(row_start[node], row_start[node + 1]):
+            other = head[a]
+            if edge_dead[edge[a]] or status[other] == 2:
+                continue
+            reached = cost + back[a]
+            if loaded[a]:
+                reached += load[node] + load[other]
+            if reached >= to_go[other]:
+                continue
+            to_go[other] = reached
+            i = length
+            length += 1
+            while i > 0:
+                above = (i - 1) // 2
+                if queue_cost[above] <= reached:
+                    break
+                queue_cost[i], queue_node[i] = queue_cost[above], queue_node[above]
+                i = above
+            queue_cost[i], queue_node[i] = reached, other
+    return to_go
 
 
 class _SearchState(NamedTuple):
@@ -252,7 +411,7 @@ def _pop(keys, links, counters):
 @njit(cache=True, nogil=True)
 def _advance(graph, knowledge, goal, heuristic, bottleneck, state):
     """Search until a node must be examined (its number is returned), a goal is settled, or nothing is left."""
-    row_start, head, cost, loaded, effort, edge = graph
+    row_start, head, cost, loaded, effort, edge, _ = graph
     status, load, edge_dead = knowledge
     keys, links, counters, offered, best, parent = state
     while counters[0] > 0:

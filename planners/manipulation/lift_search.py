@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planners.errors import PlanningFaultError
 from planners.graph.passage import connected_to, passable_path
 from planners.graph.rejections import Rejection, Rejections
-from planners.graph.search import DEAD, UNKNOWN, GraphPath, cheapest_path
+from planners.graph.search import DEAD, UNKNOWN, GoalSearch, GraphPath
 from planners.manipulation.graph.failures import (
     BlockedMotion,
     EdgeFailure,
@@ -102,6 +102,7 @@ class LiftSearch:
         self._full = full
         self.paths: dict[int, GraphPath | None] = {}
         self.graph, self.examiner = self._merged(*self.sampling.holds)
+        self._goal_search = self._searching(self.graph)
         self._cut_off = np.zeros(self.graph.graph.node_count, bool)
         """Nodes from which no goal can be come to: what fails only grows, so that it stays so."""
 
@@ -122,7 +123,7 @@ class LiftSearch:
             if path is None and low and self._lower:
                 # Better a plan that ends low than none.
                 self.rising = self.reach.rising(self._lower.pop(0), self.balance)
-                self._merge(*self.sampling.holds)
+                self._merge(*self.sampling.holds, goals=False)
                 continue
             if path is None:
                 return NothingFound.NO_PATH
@@ -161,15 +162,22 @@ class LiftSearch:
                 return False
         return bool(graph.goal[path.nodes[-1]])
 
-    def _merge(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> None:
-        self.graph, self.examiner = self._merged(grips, pushes)
+    def _merge(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...], *, goals: bool) -> None:
+        """Build another graph. What is known of nodes stays known; of goals too, if they still have to do the same."""
+        self.graph, self.examiner = self._merged(grips, pushes, (self.graph, self.examiner), goals=goals)
+        self._goal_search = self._searching(self.graph)
         self.paths = {}
         self._cut_off = np.zeros(self.graph.graph.node_count, bool)
 
     def _merged(
-        self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]
+        self,
+        grips: tuple[HandHold, ...],
+        pushes: tuple[HandHold, ...],
+        before: tuple[ManipulationStateGraph, NodeExaminer] | None = None,
+        *,
+        goals: bool = True,
     ) -> tuple[ManipulationStateGraph, NodeExaminer]:
-        """Build the graph of these holds, and apply all that is known to fail."""
+        """Build the graph of these holds, and apply all that is known to fail, and of nodes of the graph before it."""
         progress = self.record.progress
         progress(Report("merge", 0, 1))
         graph = self.reach.graph(grips, pushes)
@@ -184,6 +192,9 @@ class LiftSearch:
             self.rising,
             gravity,
         )
+        if before is not None:
+            graph.learn_from(before[0], goals=goals)
+            examiner.examined = before[1].examined
         self.record.counts["merges"] += 1
         if self._full:
             examiner.examine_all(lambda n, total: progress(Report("examine", n, total)))
@@ -191,6 +202,10 @@ class LiftSearch:
         return graph, examiner
 
     # Searching.
+
+    def _searching(self, graph: ManipulationStateGraph) -> GoalSearch:
+        by_force = self.settings.minimise == "force"
+        return GoalSearch(graph.graph, graph.knowledge, graph.goal, self._examine, bottleneck=by_force)
 
     def best_path(self) -> GraphPath | None:
         """Select as the paper does: the cheapest path of every start, and of these the one of least force."""
@@ -210,11 +225,7 @@ class LiftSearch:
         if start in self.paths and (known is None or not self._fell(known)):
             return known
         self.record.counts["searches"] += 1
-        heuristic = self.graph.heuristic if self.settings.minimise == "cost" else np.zeros_like(self.graph.heuristic)
-        self.paths[start] = cheapest_path(
-            self.graph.graph, self.graph.knowledge, start, self.graph.goal, heuristic, self._examine,
-            bottleneck=self.settings.minimise == "force",
-        )  # fmt: skip
+        self.paths[start] = self._goal_search.path_from(start)
         if self.paths[start] is None and self.graph.knowledge.status[start] != DEAD:
             # Edges lead both ways: what is joined to this start does not come to a goal either.
             self._cut_off |= connected_to(self.graph.graph, self.graph.knowledge, start)
@@ -332,7 +343,7 @@ class LiftSearch:
             else:
                 pushes = _told_apart(pushes, split, self.reach.reached.push)
         self.record.counts["splits"] += 1
-        self._merge(grips, pushes)
+        self._merge(grips, pushes, goals=True)
 
     def _forbid_stuck(self, sequence: ManipulationSequence, stuck: list[StuckStep]) -> None:
         """Forbid the change of hold (or the motion) at which most tries got stuck."""

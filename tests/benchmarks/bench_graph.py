@@ -12,9 +12,7 @@ from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
-import numpy as np
-
-from planners.graph.search import ALIVE, UNKNOWN, GraphPath, cheapest_path
+from planners.graph.search import ALIVE, UNKNOWN, GoalSearch, GraphPath
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
 from planners.manipulation.graph.manipulation_graph import build_graph
 from planners.manipulation.graph.node_examiner import hands_of
@@ -192,7 +190,13 @@ def _search_figures(name: str, variant: Variant, planner: PlateLiftPlanner) -> S
     graph = planner.search.graph
     alive = graph.knowledge.status == ALIVE
     starts = [start for start in graph.starts if alive[start]]
-    paths, search_seconds = timed(lambda: [_cheapest(planner, start) for start in starts])
+    by_force = planner.settings.minimise == "force"
+
+    def cheapest() -> list[GraphPath | None]:
+        search = GoalSearch(graph.graph, graph.knowledge, graph.goal, planner.search.examiner, bottleneck=by_force)
+        return [search.path_from(start) for start in starts]
+
+    paths, search_seconds = timed(cheapest)
     first = _selected(planner, [path for path in paths if path is not None])
     plan, checked_seconds = timed(lambda: planner.planned(planner.search))
     return SearchFigures(
@@ -211,14 +215,6 @@ def _search_figures(name: str, variant: Variant, planner: PlateLiftPlanner) -> S
         else None,
         sequences=int(plan.search["sequences"] or 0),
         checked_seconds=checked_seconds,
-    )
-
-
-def _cheapest(planner: PlateLiftPlanner, start: int) -> GraphPath | None:
-    graph, by_force = planner.search.graph, planner.settings.minimise == "force"
-    heuristic = np.zeros_like(graph.heuristic) if by_force else graph.heuristic
-    return cheapest_path(
-        graph.graph, graph.knowledge, start, graph.goal, heuristic, planner.search.examiner, bottleneck=by_force
     )
 
 

@@ -6,7 +6,18 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from planners.graph.search import ALIVE, DEAD, RESOLUTION, Knowledge, cheapest_path, graph_from_edges, whole
+from planners.graph.search import (
+    ALIVE,
+    DEAD,
+    FAR,
+    RESOLUTION,
+    GoalSearch,
+    Knowledge,
+    cheapest_path,
+    costs_to_go,
+    graph_from_edges,
+    whole,
+)
 
 
 class RandomCase:
@@ -116,3 +127,58 @@ def test_bottleneck_search_minimises_the_largest_load(seed):
             assert max(case.load[n] for n in path.nodes) == pytest.approx(limit)
             return
     assert path is None
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_is_left_to_pay_is_what_dijkstra_pays_backward(seed):
+    case = RandomCase(seed)
+    case.search(lazy=False)
+    to_go = costs_to_go(case.graph, case.knowledge, case.goal)
+    reference = case.reference().reverse()
+    goals = [node for node in reference if case.goal[node] and case.alive[node]]
+    paid = nx.multi_source_dijkstra_path_length(reference, goals) if goals else {}
+    for node in range(case.graph.node_count):
+        if node in paid:
+            assert to_go[node] * RESOLUTION == pytest.approx(paid[node], abs=100 * RESOLUTION)
+        else:
+            assert to_go[node] == FAR
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_search_that_is_told_what_is_left_to_pay_finds_the_same_paths_while_ever_more_falls(seed):
+    """Oracle: an A* without any heuristic that knows nothing beforehand."""
+    case, rng = RandomCase(seed), np.random.default_rng(seed)
+    knowledge, killed = Knowledge.none(case.graph), ()
+
+    def examine(node: int) -> None:
+        knowledge.status[node] = ALIVE if case.alive[node] else DEAD
+        knowledge.load[node] = whole(case.load[node])
+
+    search = GoalSearch(case.graph, knowledge, case.goal, examine)
+    for _ in range(30):
+        path, expected = search.path_from(0), case.search(lazy=True, killed=killed)
+        assert (path and (path.nodes, path.edges)) == (expected and (expected.nodes, expected.edges))
+        if path is None:
+            return
+        killed = (*killed, path.edges[int(rng.integers(len(path.edges)))])
+        knowledge.edge_dead[list(killed)] = True
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_arcs_stand_by_the_nodes_that_they_leave_and_then_by_where_they_lead(seed):
+    """Oracle: NumPy's sort of all arcs; some edges join the same two nodes."""
+    rng = np.random.default_rng(seed)
+    ends = rng.integers(0, 20, (150, 2)).astype(np.int32)
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    costs, effort, loaded = rng.random((len(ends), 2)), rng.random(len(ends)), rng.random(len(ends)) < 0.5
+    graph = graph_from_edges(20, ends[:, 0], ends[:, 1], costs, loaded, effort)
+    tails, heads = np.concatenate([ends, ends[:, ::-1]]).T
+    order = np.lexsort((heads, tails))
+    assert np.array_equal(graph.head, heads[order])
+    assert np.array_equal(graph.row_start, np.searchsorted(tails[order], np.arange(21)))
+    assert np.array_equal(graph.edge, order % len(ends))
+    both = np.concatenate([costs[:, 0], costs[:, 1]]), np.concatenate([costs[:, 1], costs[:, 0]])
+    for told, wanted in zip((graph.cost, graph.cost_back), both, strict=True):
+        assert np.array_equal(told, whole(wanted)[order])
+    assert np.array_equal(graph.effort, whole(effort)[graph.edge])
+    assert np.array_equal(graph.loaded, loaded[graph.edge])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from planners.graph.search import cheapest_path
+from planners.graph.search import GoalSearch
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.motion.assignment import PostureAssigner
 from planners.manipulation.motion.manipulation_sequence import ManipulationSequence
@@ -52,7 +52,7 @@ def assigner(planner, solved) -> PostureAssigner:
     start = next(
         n for n in graph.starts for g, p in [graph.hold_of(n)] if (g and g.index, p and p.index) == first
     )  # fmt: skip
-    path = cheapest_path(graph.graph, graph.knowledge, start, graph.goal, graph.heuristic, planner.search.examiner)
+    path = GoalSearch(graph.graph, graph.knowledge, graph.goal, planner.search.examiner).path_from(start)
     assert path is not None
     assert [int(graph.node_pose[n]) for n in path.nodes] == [step.pose for step in solved.steps]
     return PostureAssigner(

@@ -194,10 +194,33 @@ def test_reachable_are_the_nodes_connected_to_a_start_that_is_left(case):
     built.lost_starts.clear()
 
 
-def test_the_heuristic_never_exceeds_what_an_arc_costs_plus_the_heuristic_behind_it(case):
-    """Consistency, with loads at their least: zero."""
-    built, _ = case
-    graph = built.graph
-    tails = np.repeat(np.arange(graph.node_count), np.diff(graph.row_start))
-    assert np.all(built.heuristic[tails] <= graph.cost + built.heuristic[graph.head] + 1)
-    assert np.all(built.heuristic[built.goal] == 0)
+@pytest.mark.parametrize("goals", [True, False])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_graph_learns_what_is_known_of_nodes_with_the_same_holds_and_of_no_others(seed, goals):
+    rng = np.random.default_rng(seed)
+    tables = [rng.integers(0, 8, (len(POSES.poses), 3)).astype(np.uint64) for _ in range(2)]
+    grips, pushes = (HandHold(0, 7), HandHold(2, 7), HandHold(1, 7)), (HandHold(1, 7), HandHold(0, 7))
+    before = build_graph(POSES, grips, pushes, *tables, COSTS)
+    before.knowledge.status[:] = rng.choice([UNKNOWN, ALIVE, DEAD], len(before.node_pose))
+    before.knowledge.load[:] = rng.integers(0, 1000, len(before.node_pose))
+    before.goal[:] &= rng.random(len(before.node_pose)) < 0.5
+    split = (HandHold(0, 7), HandHold(1, 7), HandHold(2, 1), HandHold(2, 6))
+    after = build_graph(POSES, split, pushes, *tables, COSTS)
+    whole_goal = after.goal.copy()
+    after.learn_from(before, goals=goals)
+    known = {
+        (int(before.node_pose[n]), *before.hold_of(n)): (
+            *(int(m[n]) for m in before.knowledge[:2]),
+            bool(before.goal[n]),
+        )
+        for n in range(len(before.node_pose))
+    }
+    for node in range(len(after.node_pose)):
+        status, load, goal = known.get(
+            (int(after.node_pose[node]), *after.hold_of(node)), (UNKNOWN, 0, bool(whole_goal[node]))
+        )
+        if not goals:
+            goal = bool(whole_goal[node])
+            status = UNKNOWN if goal and status == ALIVE else status
+        assert (after.knowledge.status[node], after.knowledge.load[node], after.goal[node]) == (status, load, goal)
+    assert len(after.node_pose) > len(known) // 2

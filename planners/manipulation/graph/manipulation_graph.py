@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from planners.graph.search import DEAD, Knowledge, StateGraph, graph_from_edges, whole
+from planners.graph.search import ALIVE, DEAD, UNKNOWN, Knowledge, StateGraph, graph_from_edges
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
 from planners.manipulation.reach.hand_reach import Hand
+
+AnyNumbers = NDArray[np.int32] | NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,6 @@ class ManipulationStateGraph:
     them, ordered by motion; each kind of transit is ordered by pose."""
     starts: tuple[int, ...]
     goal: NDArray[np.bool_]
-    heuristic: NDArray[np.int64]
     knowledge: Knowledge = field(repr=False)
     lost_starts: set[int] = field(default_factory=set)
     """Start nodes that no hand can come to."""
@@ -95,7 +96,8 @@ class ManipulationStateGraph:
     def transfers(self, motion: int) -> NDArray[np.int64]:
         """Return the edges (n,) on which the plate makes a motion of the DCSG."""
         among = self.edge_motion[: self.first_transits[0]]
-        return np.arange(*np.searchsorted(among, (motion, motion + 1)))
+        # Numbers of another type would have all of the edges converted.
+        return np.arange(*np.searchsorted(among, np.array((motion, motion + 1), among.dtype)))
 
     def transits(self, pose: int, changing: Hand) -> NDArray[np.int64]:
         """Return the edges (n,) on which a hand comes or goes at a pose, to the second node of each."""
@@ -112,6 +114,38 @@ class ManipulationStateGraph:
         """Return a copy to be examined; call it while nothing is known of this one."""
         return replace(self, goal=self.goal.copy(), knowledge=Knowledge.none(self.graph), lost_starts=set())
 
+    def learn_from(self, other: ManipulationStateGraph, *, goals: bool) -> None:
+        """Take over what is known of nodes of another graph of the same poses: of those that have their holds here too.
+
+        Args:
+            other: has other holds besides, such as one that is told apart here by its postures.
+            goals: whether what is a goal there is one here. If not, they are examined anew, with their loads known.
+        """
+        holds = ((self.grips, other.grips, self.node_grip), (self.pushes, other.pushes, self.node_push))
+        grip, push = (_number_in(its, mine)[of_node] for mine, its, of_node in holds)
+        there = other._nodes_at(self.node_pose, grip, push)
+        same = np.flatnonzero(there >= 0)
+        there = there[same]
+        status = other.knowledge.status[there]
+        if goals:
+            self.goal[same] &= other.goal[there]
+        else:
+            status = np.where(self.goal[same] & (status == ALIVE), UNKNOWN, status)
+        self.knowledge.status[same], self.knowledge.load[same] = status, other.knowledge.load[there]
+
+    def _nodes_at(self, pose: NDArray[np.int32], grip: NDArray[np.int64], push: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the nodes (n,) of poses with numbers of holds (n,); -1 where there is none, or a number is -1."""
+
+        def keys(pose: NDArray[np.int32], grip: AnyNumbers, push: AnyNumbers) -> NDArray[np.int64]:
+            return (pose.astype(np.int64) * (len(self.grips) + 1) + grip) * (len(self.pushes) + 1) + push
+
+        # Nodes are in this order.
+        own, wanted = keys(self.node_pose, self.node_grip, self.node_push), keys(pose, grip, push)
+        at = np.searchsorted(own, wanted)
+        found = (grip >= 0) & (push >= 0) & (at < len(own))
+        found[found] = own[at[found]] == wanted[found]
+        return np.where(found, at, -1)
+
     def reachable(self) -> NDArray[np.int64]:
         """Return the nodes (k,) that are left and can be come to from a start, over edges that are left."""
         knowledge, count = self.knowledge, self.graph.node_count
@@ -127,6 +161,12 @@ class ManipulationStateGraph:
         """Return grip and push of a node."""
         grip, push = int(self.node_grip[node]), int(self.node_push[node])
         return (self.grips[grip - 1] if grip else None, self.pushes[push - 1] if push else None)
+
+
+def _number_in(holds: tuple[HandHold, ...], wanted: tuple[HandHold, ...]) -> NDArray[np.int64]:
+    """Return the numbers (1 + n,) that wanted holds have among others, -1 where they are none; 0 is the absent hand."""
+    numbers = {hold: number for number, hold in enumerate(holds, start=1)}
+    return np.array([0, *(numbers.get(hold, -1) for hold in wanted)])
 
 
 def edge_count(
@@ -199,7 +239,6 @@ def build_graph(
         first_transits=(len(transfer[0]), len(transfer[0]) + len(push_comes)),
         starts=tuple(int(n) for n in np.nonzero((node_pose == poses.flat) & single)[0]),
         goal=high[node_pose] & (node_grip > 0) & (node_push > 0),
-        heuristic=whole(np.array([_cheapest_lift(costs, r) for r in rank]))[node_pose],
         knowledge=Knowledge.none(graph),
     )
 
@@ -266,8 +305,3 @@ def _motion_costs(poses: DenseContactStateGraph, rank: NDArray[np.int64], costs:
                 (costs.contact_change(int(rank[i]), int(rank[j])), costs.contact_change(int(rank[j]), int(rank[i])))
             )
     return np.array(rows, float).reshape(-1, 2)
-
-
-def _cheapest_lift(costs: TransitionCost, rank: int) -> float:
-    """Lower bound of what is left to pay from a contact of this restraint: lifting off at once, eq. (9)."""
-    return costs.contact_change(rank, 0) if rank > 0 else 0.0
