@@ -309,5 +309,11 @@ def _switch_to_wal(path: str) -> None:
 def _set_up_sqlite(connection: sqlite3.Connection, _record: object) -> None:
     # Writers queue up at their first statement instead of failing when a read becomes a write.
     connection.isolation_level = "IMMEDIATE"
+    # SQLite's own knows capitals of ASCII only, and names have others.
+    connection.create_function("lower", 1, _lower, deterministic=True)
     connection.execute(f"PRAGMA busy_timeout={BUSY_MS}")
     connection.execute("PRAGMA synchronous=NORMAL")
+
+
+def _lower(text: object) -> object:
+    return text.lower() if isinstance(text, str) else text
