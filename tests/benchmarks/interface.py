@@ -339,6 +339,10 @@ class InterfaceMachine(RuleBasedStateMachine):
         if key is not None:
             world.plan_of_key[holder.owner, key] = made, body
         assert known_by(told, world.told(made)) == world.told(made)
+        if name is not None:
+            asked = {"name": name[:3].upper()}
+            found = [plan.id for plan in listed(world.plans, holder) if _holds(plan, asked)]
+            self.turn_pages(holder, "plans", found, 200, asked)
 
     def task_of(self, kind: str, holder: Key, scene: Thing, name: str | None) -> tuple[Any, bool, str]:
         """Return a task, whether it can be begun, and else what is wrong with it."""
