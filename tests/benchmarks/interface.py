@@ -845,7 +845,7 @@ class InterfaceMachine(RuleBasedStateMachine):
     @initialize()
     def everybody_has_something(self) -> None:
         for caller in (0, 4, 8):
-            for number, post in enumerate((self.post_simple_plan, self.register_webhook, self.post_scene)):
+            for number, post in enumerate((self.register_webhook, self.post_simple_plan, self.post_scene)):
                 post(caller, number)
         self.post_study(0, 0)
         self.job_is_begun(0)
