@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from errno import EADDRINUSE
+from functools import partial
 from html import escape
 from http import HTTPStatus
 from importlib import resources
@@ -249,9 +250,9 @@ def _ask_for_keys(settings: ServiceSettings) -> bool:
     """
     with closing(open_database(settings)) as database:
         keys = KeyStore(database)
-        if not settings.is_loopback and not keys.any_valid():
+        if not settings.is_loopback and not database.at_start(keys.any_valid):
             raise NoKeys(settings.host)
-        return keys_needed(settings, keys)
+        return database.at_start(partial(keys_needed, settings, keys))
 
 
 def _refuse_second_worker(settings: WorkerSettings) -> None:

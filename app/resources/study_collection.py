@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable, Collection, Container
 from typing import Any
 
 from app.access.caller import ANYBODY, Caller, Scope
@@ -18,13 +18,17 @@ from app.resources.plan_collection import PlanCollection
 from app.resources.queries import page_of
 from app.resources.schemas import PlanResource, StudyResource, study_resource
 from app.settings import ServiceSettings
-from planners.study.study import Study
+from planners.contract.problems import Problem
+from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job
 from workers.stores.plan_store import fingerprint
 from workers.stores.study_store import StudyRecord, StudyStore
 from workers.stores.tables import Position
+
+CELL = "/cell"
+"""Pointer into a task."""
 
 
 class StudyCollection:
@@ -47,13 +51,16 @@ class StudyCollection:
         """Return what another caller sees."""
         return StudyCollection(self.store, self._queue, self._plans.seen_by(caller), self._settings, caller)
 
-    def submit(self, sent: Any, fill: Callable[[Any], Any], idempotency_key: str | None) -> StudyResource:
+    def submit(
+        self, sent: Any, fill: Callable[[Any], Any], idempotency_key: str | None, cells: Collection[str]
+    ) -> StudyResource:
         """Accept a study, or find the one that the same key made.
 
         Args:
             sent: the study as JSON data, as it came.
             fill: puts into its task what that takes from a perceived scene.
             idempotency_key: of the caller, if it has one.
+            cells: that its task may name.
 
         Raises:
             NotAStudy: What is wrong with it.
@@ -64,6 +71,7 @@ class StudyCollection:
         record = self.store.by_key(idempotency_key, self._caller.owner)
         if record is None:
             study = Study.read(sent, fill, self._settings.max_study_points)
+            _require_cell(study, cells)
             most = self._settings.max_studies
             if self._queue.unfinished_studies(most) >= most:
                 raise TooManyStudies(most)
@@ -177,3 +185,10 @@ class StudyCollection:
         """Return a record that is no older than what is known of its job."""
         ended_since = job.state.done and (record.finished_us is None or record.best_plan_id is None)
         return (self.store.get(record.id) if ended_since else None) or record
+
+
+def _require_cell(study: Study, cells: Collection[str]) -> None:
+    """Raise `NotAStudy` where none of its points could be planned, because the cell of all of them is not there."""
+    cell = study.spec.task["cell"]
+    if cell not in cells and not any(axis.pointer == CELL for axis in study.axes):
+        raise NotAStudy([Problem(f"/task{CELL}", f"there is no cell {cell}", list(cells))])

@@ -63,7 +63,7 @@ async def post_study(
     cells, scenes = cells_of(request), scenes_of(request).document
 
     def submit() -> StudyResource:
-        return studies.submit(parse_json(body), lambda task: with_parts(task, cells, scenes), key)
+        return studies.submit(parse_json(body), lambda task: with_parts(task, cells, scenes), key, cells)
 
     study = await run_in_threadpool(submit)
     headers = {"Location": study.links.self}

@@ -55,6 +55,8 @@ class Effort:
     """Where, whether that is PostgreSQL, jobs, kills."""
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
     fuzz_cases: int = 100_000
+    interface_examples: int = 500
+    """Of whatever several owners do, on a service of each process."""
     fairness: FairnessEffort | None = FairnessEffort()  # noqa: RUF009 - frozen
     many_workers: ManyWorkersEffort | None = ManyWorkersEffort()  # noqa: RUF009 - frozen
     days: DaysEffort | None = DaysEffort()  # noqa: RUF009 - frozen

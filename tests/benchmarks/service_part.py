@@ -10,9 +10,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from tests.benchmarks import fuzz, load, soak
+from tests.benchmarks import fuzz, interface, load, soak
 from tests.benchmarks.effort import Effort
 from tests.benchmarks.fuzz import FuzzFigures
+from tests.benchmarks.interface import InterfaceFigures
 from tests.benchmarks.load import LoadFigures
 from tests.benchmarks.markdown import table
 from tests.benchmarks.part import Findings, Limit
@@ -22,6 +23,8 @@ from workers.settings import SOLVER_COMMAND
 
 FEWEST_SUBMISSIONS = 200.0
 """[1/s]"""
+MOST_STEPS = 50
+"""Of one example of what several owners do [1]."""
 LONGEST_READ = 50.0
 """99 of 100 reads [ms]."""
 
@@ -57,8 +60,18 @@ def measure_bad_input(effort: Effort, note: Note, folder: Path) -> Findings:
         shares = [(effort.fuzz_cases // effort.processes, number) for number in range(effort.processes)]
         # One of them tells how far it is; the others are about as far.
         abused = sum(pool.map(_fuzzed, shares), FuzzFigures())
-    note(f"fuzz: {abused.cases + abused.documents} cases, {len(abused.faults)} broken promises")
-    return Findings([_fuzz_limit(abused)], [_fuzz_section(abused)])
+        note(f"fuzz: {abused.cases + abused.documents} cases, {len(abused.faults)} broken promises")
+        shares = [(effort.interface_examples // effort.processes, number) for number in range(effort.processes)]
+        used = sum(pool.map(_explored, shares), InterfaceFigures())
+    note(f"interface: {used.steps} steps, {len(used.faults)} of them not as foretold")
+    limits = [_fuzz_limit(abused), _interface_limit(used)]
+    return Findings(limits, [_fuzz_section(abused), _interface_section(used)])
+
+
+def _explored(share: tuple[int, int]) -> InterfaceFigures:
+    """Do so many times what several owners may do; the number is what is drawn by."""
+    examples, number = share
+    return interface.explore_alone(examples, MOST_STEPS, number)
 
 
 def _fuzzed(share: tuple[int, int]) -> FuzzFigures:
@@ -138,3 +151,21 @@ def _fuzz_section(abused: FuzzFigures) -> str:
     if abused.faults:
         text = "\n".join(f"- {fault}" for fault in abused.faults[:20])
     return "\n\n".join(["### Answers", text, table(("status", "answers"), rows)])
+
+
+def _interface_limit(used: InterfaceFigures) -> Limit:
+    what = (
+        f"answers that a model beside the service has not foretold, in {used.steps} steps of {used.examples} examples"
+    )
+    return Limit(what, "= 0", len(used.faults), not used.faults)
+
+
+def _interface_section(used: InterfaceFigures) -> str:
+    rows = [(str(status), number) for status, number in sorted(used.statuses.items())]
+    text = (
+        "Several owners post, look at, list, cancel and delete plans, scenes, cells, webhooks and studies, with keys "
+        f"that come and go; the service is restarted {used.restarts} times over what it has kept. Behind each step all "
+        "plans are as they were accepted, for everybody whose they are and for nobody else."
+    )
+    faults = "".join(f"\n- {fault}" for fault in used.faults)
+    return "\n\n".join(["### Foretold", text, table(("status", "answers"), rows), *([faults] if faults else [])])

@@ -73,6 +73,13 @@ def test_a_query_finds_what_a_look_at_all_plans_finds(
     assert [plan["id"] for plan in found(client, **query)] == fitting
 
 
+def test_names_are_found_in_capitals_or_not_whatever_their_letters_are(client: httpx.Client) -> None:
+    """As PostgreSQL does, if the locale of its database knows them."""
+    plan = client.post("/v1/plans", json=task(external_id="Größe-7")).raise_for_status().json()
+    for name in ("größe", "RÖ", "Ö", "ö"):
+        assert [each["id"] for each in found(client, name=name)] == [plan["id"]], name
+
+
 @on_both_databases
 @pytest.mark.parametrize("name", ["order", "ORDER-7", "r-8", "%", "_", "no such name"])
 def test_a_part_of_a_name_finds_what_a_look_at_all_plans_finds(

@@ -164,6 +164,7 @@ def test_studies_are_listed_newest_first_page_by_page(client: httpx.Client) -> N
     [
         ({}, "/task"),
         ({"task": {"kind": "plate_lift"}, "axes": [X]}, "/task/plate"),
+        ({"task": task(cell="moon_base"), "axes": [X]}, "/task/cell"),
         ({"task": task(), "axes": [{"pointer": "/cup/place", "values": [1]}]}, "/axes/0/pointer"),
         ({"task": task(), "axes": [X, {"pointer": "/lifter_model", "values": ["balloon"]}]}, "/axes/1/values/0"),
     ],

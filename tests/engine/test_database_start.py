@@ -15,6 +15,7 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 from sqlalchemy import event, exc
+from structlog.testing import capture_logs
 from support.postgres import needs_postgres, running_postgres
 from support.service import ROOT
 
@@ -113,6 +114,31 @@ def test_a_server_that_is_not_there_is_told_with_where_it_was_looked_for(
     with pytest.raises(DatabaseUnusable, match=r"liftwright on 127.0.0.1:1 cannot be used: .*refused") as told:
         open_database(WorkerSettings(data_dir=tmp_path, database_url="postgresql://u:secret@127.0.0.1:1/liftwright"))
     assert "secret" not in str(told.value)
+
+
+@needs_postgres
+def test_a_server_that_is_lost_in_the_midst_of_a_start_is_waited_for_and_each_try_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever of the start it is that meets the loss: each fails once, as psycopg tells of it."""
+    monkeypatch.setattr(database_module, "START_PAUSE_SECONDS", 0.01)
+    lost = {name: psycopg.OperationalError("server closed the connection unexpectedly") for name in ("engine", "ours")}
+
+    def losing(name: str, call: Callable[..., None]) -> Callable[..., None]:
+        def lose_once(*arguments: object) -> None:
+            if (loss := lost.pop(name, None)) is not None:
+                raise exc.OperationalError(None, None, loss)
+            call(*arguments)
+
+        return lose_once
+
+    monkeypatch.setattr(database_module.DBOS, "migrate", losing("engine", database_module.DBOS.migrate))
+    monkeypatch.setattr(database_module, "migrate", losing("ours", database_module.migrate))
+    with running_postgres() as server, capture_logs() as told:
+        with closing(open_database(WorkerSettings(data_dir=tmp_path, database_url=server.url))) as database:
+            database.require_writable()
+    assert lost == {}
+    assert [line["event"] for line in told].count("waiting for the database") == 2
 
 
 @needs_postgres

@@ -147,6 +147,8 @@ class HangingLock:
         assert not self.frozen or self.thawed.wait(20)
         return True
 
+    hold_at_start = hold
+
     def show_stuck(self, *, stuck: bool) -> None:
         pass
 

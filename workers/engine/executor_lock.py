@@ -74,7 +74,7 @@ class AdvisoryLock:
     """
 
     def __init__(self, database: Database, name: str) -> None:
-        self._name = name
+        self._name, self._database = name, database
         shown = {"application_name": f"liftwright worker {name}"}
         self._engine = sa.create_engine(database.engine.url, poolclass=NullPool, connect_args=shown)
         self._connection: sa.Connection | None = None
@@ -87,6 +87,10 @@ class AdvisoryLock:
         # While the connection lives, nobody can take from it what it holds.
         self._held = bool(self._ask(sa.true())) if self._held else self._take(self._name)
         return self._held
+
+    def hold_at_start(self) -> bool:
+        """Do what `hold` does, and wait for a server that is away as a start does."""
+        return self._database.at_start(self.hold)
 
     @contextlib.contextmanager
     def borrowed(self, name: str) -> Iterator[bool]:

@@ -72,7 +72,7 @@ class Takeover:
             self._file = FileLock(self._settings.data_dir, self._name)
             return
         deadline = time.monotonic() + FORMER_LIFE_SECONDS
-        while not await asyncio.to_thread(self._lock.hold):
+        while not await asyncio.to_thread(self._lock.hold_at_start):
             if time.monotonic() > deadline:
                 await asyncio.to_thread(self._lock.close)
                 raise WorkerRuns(self._name, "this database")

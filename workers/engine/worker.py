@@ -28,7 +28,7 @@ from workers.solver.pool import SolverCommand, SolverPool
 from workers.solver.protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
 from workers.stores.cell_store import CellStore
 from workers.stores.database import Database
-from workers.stores.database_loss import DATABASE_GONE
+from workers.stores.database_loss import DATABASE_GONE, said_by
 from workers.stores.job_queue import (
     APPLICATION,
     APPLICATION_VERSION,
@@ -53,6 +53,8 @@ from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
 REJECTED_FOLDER = "rejected"
 GOODBYE_SECONDS = 10.0
 """How long the engine may take to end [s]."""
+LAUNCHES = 10
+"""So often the engine is launched at most, if the database is lost meanwhile [1]."""
 JULIAN_DAY_OF_1970 = 2440587.5
 MS_PER_DAY = 86_400_000
 
@@ -99,6 +101,25 @@ class Worker:
         self._pool.open()
         self._telling = asyncio.create_task(self._tell_when_loaded())
         self._watch()
+        # Before the launch: the engine looks for new queues only once a second.
+        looks = queue_looks(self._settings.worker_slots, self._settings.study_slots, self._settings.poll_seconds)
+        await asyncio.to_thread(self._database.at_start, partial(self._queue.open, looks))
+        logging.getLogger("dbos").addFilter(_is_news)
+        for left in reversed(range(LAUNCHES)):
+            try:
+                self._launch()
+                break
+            except DATABASE_GONE as error:
+                if not left:
+                    raise
+                log.warning("waiting for the database", error=said_by(error))
+            # Not on the loop, which has other things to see to.
+            await asyncio.to_thread(self._database.at_start, self._database.require_writable)
+        take_turns(self._queue)
+        look_as_told(looks)
+
+    def _launch(self) -> None:
+        """Have the engine of this process begin jobs; of one that met no database nothing is left."""
         config: DBOSConfig = {
             "name": APPLICATION,
             "system_database_url": self._database.engine_url,
@@ -108,15 +129,13 @@ class Worker:
             "log_level": "WARNING",
             "enable_otlp": False,
         }
-        logging.getLogger("dbos").addFilter(_is_news)
         DBOS(config=config)
         self._register()
-        # Before the launch: the engine looks for new queues only once a second.
-        looks = queue_looks(self._settings.worker_slots, self._settings.study_slots, self._settings.poll_seconds)
-        await asyncio.to_thread(self._queue.open, looks)
-        DBOS.launch()
-        take_turns(self._queue)
-        look_as_told(looks)
+        try:
+            DBOS.launch()
+        except DATABASE_GONE:
+            DBOS.destroy(destroy_registry=True)
+            raise
 
     async def stop(self) -> None:
         """Stop taking jobs; those under way are left to be begun anew after the next start, or by another worker.

@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import quote, unquote
 
 import sqlalchemy as sa
 import structlog
-from dbos import run_dbos_database_migrations
+from dbos import DBOS
 from sqlalchemy import event, exc
 from sqlalchemy.engine.interfaces import DBAPIConnection
 
@@ -28,7 +29,8 @@ SQLITE_FILE = "liftwright.sqlite"
 BUSY_MS = 30_000
 """How long a writer waits for another one [ms]; the engine's own connections wait as long."""
 START_SECONDS = 60.0
-"""How long a start waits for the server [s]."""
+"""How long each step of a start waits for the server [s]."""
+START_PAUSE_SECONDS = 1.0
 SERVER_PATIENCE = {
     "connect_timeout": "5",
     "keepalives_idle": "5",
@@ -55,6 +57,7 @@ PROBE = "probe"
 """Name of the row that is written to learn whether it can be."""
 ENCODING = "UTF8"
 
+T = TypeVar("T")
 log = structlog.get_logger(__name__)
 
 
@@ -124,9 +127,34 @@ class Database:
             if not written:
                 transaction.execute(sa.insert(TOTALS).values(row))
 
+    def at_start(self, call: Callable[[], T]) -> T:
+        """Return what a call returns; while a server is away it is made again, for as long as a start waits.
+
+        It may happen twice: if the connection breaks while the answer is on its way, nobody knows whether it was done.
+
+        Raises:
+            DatabaseUnusable: The server was away for all that time, or says that it is asked for what it has not.
+        """
+        deadline = time.monotonic() + START_SECONDS
+        while True:
+            try:
+                return call()
+            except DATABASE_GONE as error:
+                if self.embedded_in is not None:
+                    raise
+                if time.monotonic() > deadline:
+                    raise self._unusable(error) from error
+                log.warning("waiting for the database", error=said_by(error))
+            except exc.DBAPIError as error:
+                raise self._unusable(error) from error
+            time.sleep(START_PAUSE_SECONDS)
+
     def close(self) -> None:
         """Give all connections back."""
         self.engine.dispose()
+
+    def _unusable(self, error: exc.SQLAlchemyError) -> DatabaseUnusable:
+        return DatabaseUnusable(f"{_shown(self.engine)} cannot be used: {_first_line(error)}")
 
 
 def open_database(settings: WorkerSettings) -> Database:
@@ -142,13 +170,7 @@ def open_database(settings: WorkerSettings) -> Database:
     database = server_database(settings)
     with ExitStack() as opened:
         opened.callback(database.close)
-        try:
-            _wait_for_server(database.engine)
-            _require_encoding(database.engine)
-            run_dbos_database_migrations(database.engine_url)
-            migrate(database.engine)
-        except exc.DBAPIError as error:
-            raise DatabaseUnusable(f"{_shown(database.engine)} cannot be used: {_first_line(error)}") from error
+        database.at_start(partial(_prepare, database))
         opened.pop_all()
     return database
 
@@ -191,7 +213,7 @@ def _open_file(data_dir: Path) -> Database:
             # Before it is opened, too: that would make an empty one.
             event.listen(engine, "do_connect", same_file)
             event.listen(engine, "checkout", same_file)
-            run_dbos_database_migrations(f"sqlite:///{path}")
+            DBOS.migrate(f"sqlite:///{path}")
             migrate(engine)
         except OSError as error:
             raise DatabaseUnusable(f"{folder} cannot be written to: {error.strerror}") from error
@@ -240,17 +262,12 @@ def _connect_to_spare(
         time.sleep(SPARE_LOOK_SECONDS)
 
 
-def _wait_for_server(engine: sa.Engine) -> None:
-    deadline = time.monotonic() + START_SECONDS
-    while True:
-        try:
-            with engine.connect():
-                return
-        except DATABASE_GONE as error:
-            if time.monotonic() > deadline:
-                raise
-            log.warning("waiting for the database", error=said_by(error))
-        time.sleep(1.0)
+def _prepare(database: Database) -> None:
+    """Bring all tables to this version; what was done of it before stays as it is."""
+    _require_encoding(database.engine)
+    # The engine's command does the same, but ends the process with whatever goes wrong.
+    DBOS.migrate(database.engine_url)
+    migrate(database.engine)
 
 
 def _require_encoding(engine: sa.Engine) -> None:
@@ -309,5 +326,11 @@ def _switch_to_wal(path: str) -> None:
 def _set_up_sqlite(connection: sqlite3.Connection, _record: object) -> None:
     # Writers queue up at their first statement instead of failing when a read becomes a write.
     connection.isolation_level = "IMMEDIATE"
+    # SQLite's own knows capitals of ASCII only, and names have others.
+    connection.create_function("lower", 1, _lower, deterministic=True)
     connection.execute(f"PRAGMA busy_timeout={BUSY_MS}")
     connection.execute("PRAGMA synchronous=NORMAL")
+
+
+def _lower(text: Any) -> Any:
+    return text.lower() if isinstance(text, str) else text

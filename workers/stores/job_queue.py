@@ -130,6 +130,8 @@ class JobQueue:
             system_database_engine=database.shared_engine,
             application_name=APPLICATION,
             retry_connection_errors=False,
+            # It asks nothing yet: a start has just found the database, and waits for it if it is lost again.
+            lazy=True,
         )
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
