@@ -17,9 +17,10 @@ help: ## this list
 setup: $(VENV)/.ready ## virtual environment, packages, compiled kernels (some minutes the first time, no time after that)
 
 $(VENV)/.ready: pyproject.toml constraints.txt
-	@echo "setting up: packages"
+	@echo "setting up: packages, a minute or more"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@echo "setting up: kernels and handovers, one to three minutes"
 	@$(BIN)/liftwright warmup
 	@touch $@
 

@@ -10,6 +10,8 @@ from planners.plan.segment import ContactState
 from planners.plan.simulation import LiftSimulation, Simulation, ToolSimulation
 from planners.plan.verdicts import Cause, LeastReserve, Remedy, shortage_words
 
+PLANNING_STEPS = frozenset({"balance", "capacity", "clearance", "grasp", "reach", "transfer", "transit", "torque"})
+"""Steps of planning, which a cause has as its place where it has no other: they tell nobody much."""
 MILLIMETRES = 1e3
 """In a metre: lengths are told as on drawings."""
 
@@ -189,5 +191,5 @@ def _came_of(remedy: Remedy) -> str:
 
 
 def _cause(cause: Cause) -> str:
-    figures = figures_of(cause)
-    return reason_of(cause) + (f": {figures}" if figures else "") + (f" ({cause.where})" if cause.where else "")
+    figures, where = figures_of(cause), "" if cause.where in PLANNING_STEPS else cause.where
+    return reason_of(cause) + (f": {figures}" if figures else "") + (f" ({where})" if where else "")

@@ -107,12 +107,19 @@ def test_an_address_that_is_none_is_told_as_it_must_be(tmp_path: Path, url: str)
         open_database(WorkerSettings(data_dir=tmp_path, database_url=url))
 
 
+@pytest.mark.parametrize(
+    ("where", "hosts"),
+    [
+        ("127.0.0.1:1/liftwright", "127.0.0.1:1"),
+        ("/liftwright?host=127.0.0.1:1&host=127.0.0.1:2", "127.0.0.1:1 or 127.0.0.1:2"),
+    ],
+)
 def test_a_server_that_is_not_there_is_told_with_where_it_was_looked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, hosts: str
 ) -> None:
     monkeypatch.setattr(database_module, "START_SECONDS", 0.0)
-    with pytest.raises(DatabaseUnusable, match=r"liftwright on 127.0.0.1:1 cannot be used: .*refused") as told:
-        open_database(WorkerSettings(data_dir=tmp_path, database_url="postgresql://u:secret@127.0.0.1:1/liftwright"))
+    with pytest.raises(DatabaseUnusable, match=rf"liftwright on {hosts} cannot be used: .*refused") as told:
+        open_database(WorkerSettings(data_dir=tmp_path, database_url=f"postgresql://u:secret@{where}"))
     assert "secret" not in str(told.value)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, LiteralString, Self
 
 import psycopg
 import pytest
@@ -33,15 +33,19 @@ STARTUP_SECONDS = 60.0
 class PostgresServer:
     """One server with its files in a folder of its own."""
 
-    def __init__(self, *settings: str) -> None:
-        """Take settings of the server, each as `name=value`."""
+    def __init__(self, *settings: str, follows: PostgresServer | None = None) -> None:
+        """Take settings of the server, each as `name=value`, and the server that it is a standby of, if it is one."""
         self._settings = settings
         assert BINARIES is not None, "PostgreSQL is not installed"
         self._binaries = BINARIES
         self.folder = _new_folder()
         """The server's account may write there."""
-        # Copied with its owner.
-        subprocess.run(["cp", "-a", f"{_fresh_cluster()}/.", str(self.folder)], check=True)
+        if follows is None:
+            # Copied with its owner.
+            subprocess.run(["cp", "-a", f"{_fresh_cluster()}/.", str(self.folder)], check=True)
+        else:
+            where = ("--host=127.0.0.1", f"--port={follows.port}", "--username=liftwright")
+            self.run("pg_basebackup", *where, "--write-recovery-conf", "--checkpoint=fast", "-D", self.folder)
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
         self.process: subprocess.Popen[bytes] | None = None
@@ -70,6 +74,28 @@ class PostgresServer:
             return False
         return True
 
+    @contextmanager
+    def with_standby(self) -> Iterator[PostgresServer]:
+        """Run a standby to which this server's log is streamed; from now on nothing is committed before it is there."""
+        standby = PostgresServer(*self._settings, follows=self)
+        try:
+            wait_for(standby._runs_and_answers, STARTUP_SECONDS)
+            self._set("synchronous_standby_names", "'*'")
+            wait_for(self._is_followed, 30.0)
+            yield standby
+        finally:
+            standby.stop()
+            shutil.rmtree(standby.folder)
+
+    def promote(self) -> None:
+        """Make a standby the server that takes writes, and wait until it does."""
+        with self._connect("postgres") as connection:
+            assert connection.execute("SELECT pg_promote()").fetchone() == (True,)
+
+    def _is_followed(self) -> bool:
+        with self._connect("postgres") as connection:
+            return connection.execute("SELECT sync_state FROM pg_stat_replication").fetchall() == [("sync",)]
+
     def kill(self) -> None:
         """kill -9 of the server and all that serve connections, as a power failure would."""
         assert self.process is not None
@@ -97,11 +123,14 @@ class PostgresServer:
 
     def take_writes(self, *, takes: bool) -> None:
         """Refuse writes from now on, on connections that are open as well, as a primary that was replaced; or not."""
+        self._set("default_transaction_read_only", "off" if takes else "on")
+        wait_for(lambda: self._takes_writes() == takes, 10.0)
+
+    def _set(self, name: LiteralString, value: LiteralString) -> None:
         with self._connect("postgres", "-c default_transaction_read_only=off") as connection:
             connection.autocommit = True
-            connection.execute(f"ALTER SYSTEM SET default_transaction_read_only = {'off' if takes else 'on'}")
+            connection.execute(f"ALTER SYSTEM SET {name} = {value}")
             connection.execute("SELECT pg_reload_conf()")
-        wait_for(lambda: self._takes_writes() == takes, 10.0)
 
     def _takes_writes(self) -> bool:
         with self._connect("postgres") as connection:

@@ -284,7 +284,10 @@ def _require_encoding(engine: sa.Engine) -> None:
 def _shown(engine: sa.Engine) -> str:
     """Return where a database is, without the password."""
     url = engine.url
-    return f"the database {url.database} on {url.host or 'this machine'}:{url.port or 5432}"
+    named = url.query.get("host", ())
+    hosts = (named,) if isinstance(named, str) else named
+    where = " or ".join(hosts) or f"{url.host or 'this machine'}:{url.port or 5432}"
+    return f"the database {url.database} on {where}"
 
 
 def _first_line(error: Exception) -> str:
