@@ -5,9 +5,10 @@ search is an A* in which a node starts as *unknown*, with a lower bound of its l
 first taken from the queue. Whether all nodes are examined beforehand or on demand, the path is the same: costs
 are whole numbers (exactly additive in any order), and equal costs are decided by a second cost, then by node.
 
-A graph is searched many times, from each start and after every failure. What is left to pay from each node to a goal
-is computed backward, once for all starts, from what is known then (`GoalSearch`): what becomes known later, loads and
-failures, only makes it more, so that it stays a lower bound, and an A* with it goes straight where nothing has changed.
+A graph is searched many times, from each start and after every failure. The cost to go, from each node to the nearest
+goal, is computed backward, once for all starts, from what is known then (`GoalSearch`): what becomes known later, loads
+and failures, only makes it larger, so that it stays a lower bound, and an A* with it goes straight where nothing has
+changed.
 """
 
 from __future__ import annotations
@@ -198,8 +199,8 @@ def _searched(
 class GoalSearch:
     """Searches one graph for the cheapest paths to its goals, again and again while ever more of it is known.
 
-    The heuristic is what was left to pay from each node when that was last computed. It is computed again as soon as
-    searches have expanded as many nodes since as the graph has, so that it costs no more than they do.
+    The heuristic is the cost to go of each node, as it was when last computed. It is computed again as soon as searches
+    have expanded as many nodes since as the graph has, so that it takes no more time than they do.
     """
 
     def __init__(
@@ -218,7 +219,7 @@ class GoalSearch:
             knowledge: of the graph; it grows.
             goal: (N,) goals, of which some may be taken away meanwhile.
             examine: as for `cheapest_path`.
-            bottleneck: likewise; what is left to pay is then of no use.
+            bottleneck: likewise; costs to go are of no use then.
         """
         self._graph, self._knowledge, self._goal = graph, knowledge, goal
         self._examine, self._bottleneck = examine, bottleneck
@@ -238,12 +239,12 @@ class GoalSearch:
 
 
 FAR = np.int64(1) << 60
-"""Stands for what is left to pay where no goal can be come to: those nodes are taken last."""
+"""Stands for the cost to go where no goal can be come to: those nodes are taken last."""
 
 
 @njit(cache=True, nogil=True)
 def costs_to_go(graph, knowledge, goal):
-    """Return what is left to pay from each node to the nearest goal (N,), were all unknown nodes alive and lightest.
+    """Return the cost to go from each node to the nearest goal (N,), were all unknown nodes alive, loaded least.
 
     Nodes that cannot come to a goal have `FAR`, and so have dead ones.
     """

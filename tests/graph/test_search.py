@@ -130,7 +130,7 @@ def test_bottleneck_search_minimises_the_largest_load(seed):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_what_is_left_to_pay_is_what_dijkstra_pays_backward(seed):
+def test_costs_to_go_are_what_dijkstra_pays_backward(seed):
     case = RandomCase(seed)
     case.search(lazy=False)
     to_go = costs_to_go(case.graph, case.knowledge, case.goal)
@@ -145,7 +145,7 @@ def test_what_is_left_to_pay_is_what_dijkstra_pays_backward(seed):
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_search_that_is_told_what_is_left_to_pay_finds_the_same_paths_while_ever_more_falls(seed):
+def test_a_search_with_costs_to_go_finds_the_same_paths_while_ever_more_falls(seed):
     """Oracle: an A* without any heuristic that knows nothing beforehand."""
     case, rng = RandomCase(seed), np.random.default_rng(seed)
     knowledge, killed = Knowledge.none(case.graph), ()
