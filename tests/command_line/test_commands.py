@@ -306,7 +306,8 @@ def test_a_scan_is_perceived_without_a_server_and_a_task_takes_its_objects_from_
     [
         (["scan=nowhere.json"], "nowhere.json"),
         ([str(SHIPPED)], "no scan.json"),
-        (["film.png"], "is called like its part"),
+        (["film.png"], "no such file"),
+        ([__file__], "is called like its part"),
         ([str(SCAN), f"depth={SCAN / 'colour.png'}"], "given twice"),
         ([str(SCAN / "scan.json"), str(SCAN / "colour.png")], "depth"),
         ([f"scan={SCAN / 'task.json'}"], "/kind"),

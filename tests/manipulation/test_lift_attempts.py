@@ -171,7 +171,10 @@ def test_densities_rise_as_long_as_graphs_fit_and_there_is_hope(
     narrow = tried(hope=True, largest=hopeful[-1].reach.edge_count // 2)
     assert len(narrow) == len(hopeful)
     assert narrow[-1].fits
-    assert hopeful[-2].reach.edge_count < narrow[-1].reach.edge_count < hopeful[-1].reach.edge_count
+    assert narrow[-1].reach.edge_count <= hopeful[-1].reach.edge_count // 2
+    # Its edges may be fewer than those of the one before, where what is proven leaves nodes out.
+    (thinned,) = (len(each.sampling.poses.poses) * len(each.sampling.grips) for each in narrow[-1:])
+    assert sizes[-2] < thinned < sizes[-1]
 
 
 def test_a_graph_that_does_not_fit_into_memory_is_thinned_and_that_is_told(cells: dict[str, Cell]) -> None:
