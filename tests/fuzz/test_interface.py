@@ -10,7 +10,7 @@ from tests.benchmarks.interface import explore, explored
 
 
 def test_the_whole_interface_answers_as_a_model_beside_it_foretells(tmp_path: Path) -> None:
-    examples, steps = sample((4, 20), (200, 50))
+    examples, steps = sample((4, 20), (60, 50))
     with explored(tmp_path) as machine:
         explore(machine, examples, steps)
     assert machine.figures.examples >= examples
