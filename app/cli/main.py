@@ -176,8 +176,7 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = _parser()
     parsed, unknown = parser.parse_known_args(arguments)
     if unknown:
-        commands = next(each for each in parser._actions if isinstance(each, argparse._SubParsersAction))
-        commands.choices[parsed.command].error(f"there is no option {' '.join(unknown)}; --help lists them")
+        parsed.parser.error(f"there is no option {' '.join(unknown)}; --help lists them")
     return parsed
 
 
@@ -296,6 +295,8 @@ def _parser() -> argparse.ArgumentParser:
 
     warm = commands.add_parser("warmup", help="compile the kernels now instead of at the first start")
     warm.set_defaults(run=_warm_up)
+    for command in commands.choices.values():
+        command.set_defaults(parser=command)
     return parser
 
 

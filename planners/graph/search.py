@@ -25,7 +25,7 @@ RESOLUTION = 1e-9
 """Costs are counted in whole multiples of this, so that sums do not depend on their order."""
 
 UNKNOWN, ALIVE, DEAD = 0, 1, 2
-_FOUND, _EXHAUSTED = -1, -2
+_FOUND = -1
 
 
 class StateGraph(NamedTuple):
@@ -172,28 +172,8 @@ def cheapest_path(
     consistent lower bound of the remaining cost. With `bottleneck` the path with the smallest largest load is
     sought instead; among such paths arc costs only steer, and their sum need not be the least.
     """
-    return _searched(graph, knowledge, start, goal, heuristic, examine, bottleneck=bottleneck)[0]
-
-
-def _searched(
-    graph: StateGraph,
-    knowledge: Knowledge,
-    start: int,
-    goal: NDArray[np.bool_],
-    heuristic: NDArray[np.int64],
-    examine: Callable[[int], None],
-    *,
-    bottleneck: bool,
-) -> tuple[GraphPath | None, int]:
-    """Return what `cheapest_path` returns, and how many nodes were expanded for it."""
     state = _SearchState.begun(graph, start, heuristic)
-    while True:
-        node = _advance(graph, knowledge, goal, heuristic, bottleneck, state)
-        if node == _EXHAUSTED:
-            return None, int(state.counters[1])
-        if node == _FOUND:
-            return state.path(graph), int(state.counters[1])
-        examine(int(node))
+    return state.finished(graph, knowledge, goal, heuristic, examine, bottleneck=bottleneck)
 
 
 class GoalSearch:
@@ -231,10 +211,11 @@ class GoalSearch:
         if not self._bottleneck and (self._to_go is None or self._expanded > self._graph.node_count):
             self._to_go, self._expanded = costs_to_go(self._graph, self._knowledge, self._goal), 0
         assert self._to_go is not None
-        path, expanded = _searched(
-            self._graph, self._knowledge, start, self._goal, self._to_go, self._examine, bottleneck=self._bottleneck
+        state = _SearchState.begun(self._graph, start, self._to_go)
+        path = state.finished(
+            self._graph, self._knowledge, self._goal, self._to_go, self._examine, bottleneck=self._bottleneck
         )
-        self._expanded += expanded
+        self._expanded += state.expanded
         return path
 
 
@@ -333,6 +314,26 @@ class _SearchState(NamedTuple):
         state.keys[0] = (heuristic[start], 0, 0, 0)
         state.links[0] = (start, -1, -1)
         return state
+
+    def finished(
+        self,
+        graph: StateGraph,
+        knowledge: Knowledge,
+        goal: NDArray[np.bool_],
+        heuristic: NDArray[np.int64],
+        examine: Callable[[int], None],
+        *,
+        bottleneck: bool,
+    ) -> GraphPath | None:
+        """Search to the end; see `cheapest_path`."""
+        while (node := _advance(graph, knowledge, goal, heuristic, bottleneck, self)) >= 0:
+            examine(int(node))
+        return self.path(graph) if node == _FOUND else None
+
+    @property
+    def expanded(self) -> int:
+        """How many nodes were."""
+        return int(self.counters[1])
 
     def path(self, graph: StateGraph) -> GraphPath:
         """Walk back from the goal that was reached."""

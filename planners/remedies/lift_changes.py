@@ -181,7 +181,7 @@ class LiftChanges:
         search = CupPlaceSearch(anywhere, self._build, self._asked, self._progress)
         for place in search.candidates(self._build(strongest)):
             if place.leaves_a_way:
-                yield self._cup_at(place.position, np.array(place.position) - np.array(self.task.cup.place))
+                yield self._cup_at(place.position)
 
     def _with_forces(self, firsts: Iterator[TaskChange]) -> Iterator[TaskChange]:
         """Follow each change by the least force of the cup with which it leaves a way."""
@@ -303,11 +303,11 @@ class LiftChanges:
         rounded = {tuple(np.round(stated + shift, 3).tolist()) for shift in shifts} - {tuple(stated.tolist())}
         for place in sorted(rounded, key=lambda place: (float(np.linalg.norm(place - stated)), place)):
             if self._directions.say(self._rotation @ (place - stated)):
-                yield self._cup_at(place, place - stated)
+                yield self._cup_at(place)
 
-    def _cup_at(self, place: tuple[float, float], shift: Array) -> TaskChange:
-        """Put the cup at a place, which is off the stated one by a shift (2,), both in plate axes [m]."""
-        way = self._directions.say(self._rotation @ shift)
+    def _cup_at(self, place: tuple[float, float]) -> TaskChange:
+        """Put the cup at a place in plate axes [m]; a way from the stated one is told where the task stated one."""
+        way = self._directions.say(self._rotation @ (np.array(place) - np.array(self.task.cup.place)))
         at = f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
         moves = way and not self._place_is_open
         sentence = f"Move the cup {way}, to {at}." if moves else f"Put the cup at {at}."

@@ -134,10 +134,10 @@ def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_
 
 @pytest.mark.parametrize("is_open", [True, False])
 def test_a_place_of_the_cup_is_a_way_from_the_stated_one_if_there_is_one(is_open: bool) -> None:
-    task = posted("ab1")
+    task = posted("ab1", cup={"position": [0.0, 0.02], "radius": 0.0175, "max_force": 20})
     scene = build_scene(task)
     told = LiftChanges(task, lambda _: scene, LiftSettings(), Effort(100), silent, place_is_open=is_open)
-    change = told._cup_at((0.05, 0.02), np.array([0.05, 0.0]))
+    change = told._cup_at((0.05, 0.02))
     assert change.sentence.startswith("Put the cup at (50, 20) mm" if is_open else "Move the cup 50 mm ")
 
 

@@ -309,13 +309,17 @@ class Editor {
     this.checking = false;
   }
 
+  verdict(accepted) {
+    if (accepted) return ["The service would take this task.", ...this.warnings.map(({ pointer, detail }) => `${pointer}: ${detail}.`)].join(" ");
+    return this.errors.length === 1 ? "The service would refuse this:" : `The service would refuse this, for ${this.errors.length} reasons:`;
+  }
+
   /** Show what the service says, each thing at what it concerns. */
   judged(accepted) {
     const status = byId("check-status");
-    const count = this.errors.length;
     const begun = this.things.length > 0 || accepted;
     status.className = accepted ? "yes" : begun ? "no" : "empty";
-    status.textContent = !begun ? `Add ${this.draft.task.kind === "plate_lift" ? "a plate and a cup" : "objects"}, or begin with an example.` : accepted ? ["The service would take this task.", ...this.warnings.map(({ pointer, detail }) => `${pointer}: ${detail}.`)].join(" ") : count === 1 ? "The service would refuse this:" : `The service would refuse this, for ${count} reasons:`;
+    status.textContent = begun ? this.verdict(accepted) : `Add ${this.draft.task.kind === "plate_lift" ? "a plate and a cup" : "objects"}, or begin with an example.`;
     keepFocus(byId("refusals"), (begun ? this.errors : []).slice(0, 20).map((error) => {
       const thing = this.thingOf(error.pointer);
       const where = thing ? (error.detail.startsWith(thing.words) ? "" : `${thing.words}: `) : `${error.pointer || "the task"}: `;

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from time import process_time
 
 import cvxpy as cp
 import numpy as np
 
 from planners.balance.balanced import Balanced
 from tests.benchmarks.bench_balance import PLATE, BalanceNode, balance_nodes, new_balance
-from tests.benchmarks.peers.contest import Contest, Entry
+from tests.benchmarks.peers.contest import Contest, Entry, answers_of
 from tests.benchmarks.tasks import Note
 from tests.support.balance_statement import state_balance
 
@@ -33,9 +32,9 @@ def balance_contest(problems: int, note: Note) -> Contest:
     with warnings.catch_warnings():
         # What is inaccurate is counted.
         warnings.simplefilter("ignore", UserWarning)
-        stated_seconds, stated = _timed(_stated_effort, nodes)
-    ours_seconds, ours = _timed(lambda node: _effort(kept.solve(*node)), nodes)
-    new_seconds, new = _timed(lambda node: _effort(new_balance().solve(*node)), nodes)
+        stated, stated_seconds = _warm_answers(_stated_effort, nodes)
+    ours, ours_seconds = _warm_answers(lambda node: _effort(kept.solve(*node)), nodes)
+    new, new_seconds = _warm_answers(lambda node: _effort(new_balance().solve(*node)), nodes)
     return Contest(
         f"the cone program ({problems})",
         _judged("ours", ours_seconds, ours, stated),
@@ -59,16 +58,11 @@ def _effort(answer: object) -> float:
     return answer.objective if isinstance(answer, Balanced) else np.inf
 
 
-def _timed(
+def _warm_answers(
     run: Callable[[BalanceNode], float | None], nodes: Sequence[BalanceNode]
-) -> tuple[list[float], list[float | None]]:
+) -> tuple[list[float | None], list[float]]:
     run(nodes[0])
-    seconds, efforts = [], []
-    for node in nodes:
-        begun = process_time()
-        efforts.append(run(node))
-        seconds.append(process_time() - begun)
-    return seconds, efforts
+    return answers_of(run, nodes)
 
 
 def _judged(

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from time import process_time
+from typing import TypeVar
 
 import numpy as np
+
+from planners.geometry.pose import Array
+
+Samples = tuple[Array, Array, Array, Array]
+"""Of a motion: times (n,), positions, velocities and accelerations (n, k)."""
+Case = TypeVar("Case")
+Answer = TypeVar("Answer")
 
 LARGEST_CAUSE = 160
 """Characters of an error that are told."""
@@ -107,6 +116,16 @@ class Contest:
         ratios = np.array(peer.sizes) / np.array(self.ours.sizes)
         both = np.isfinite(ratios)
         return float(np.median(ratios[both])) if both.any() else None
+
+
+def answers_of(run: Callable[[Case], Answer], cases: Iterable[Case]) -> tuple[list[Answer], list[float]]:
+    """Return the answer to each case, and the CPU time that it took [s]."""
+    answers, seconds = [], []
+    for case in cases:
+        begun = process_time()
+        answers.append(run(case))
+        seconds.append(process_time() - begun)
+    return answers, seconds
 
 
 def tried(name: str, run: Callable[[], Entry]) -> Peer:

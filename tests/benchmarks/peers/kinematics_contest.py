@@ -13,7 +13,7 @@ from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import inverse_kinematics
 from tests.benchmarks.bench_kinematics import all_branches
 from tests.benchmarks.iterative_ik import iterate
-from tests.benchmarks.peers.contest import Contest, Entry, tried
+from tests.benchmarks.peers.contest import Contest, Entry, answers_of, tried
 from tests.benchmarks.tasks import Note
 from tests.kinematics.arm_oracle import UR3E, PinocchioArm
 
@@ -120,11 +120,7 @@ def _in_one_call(arm: PinocchioArm, targets: Array, entry: Entry) -> Contest:
 
 def _one_by_one(name: str, arm: PinocchioArm, targets: Array, solve: Solver) -> Entry:
     solve(targets[0])
-    answers, seconds = [], []
-    for T in targets:
-        begun = process_time()
-        answers.append(solve(T))
-        seconds.append(process_time() - begun)
+    answers, seconds = answers_of(solve, targets)
     return _judged(name, arm, targets, answers, seconds)
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from time import process_time
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from tests.benchmarks.bench_motion import (
     plate_pose,
     timed_answer,
 )
-from tests.benchmarks.peers.contest import Contest, Entry, NotMeasured, Peer, tried
+from tests.benchmarks.peers.contest import Contest, Entry, NotMeasured, Peer, answers_of, tried
 from tests.benchmarks.peers.mplib_scene import BoxObstacle, MplibQuery, NoInterpreter, ask_mplib
 from tests.benchmarks.tasks import Note
 
@@ -157,16 +156,7 @@ def _ompl_with_coal(cases: MotionCases) -> Entry:
 
     goals = [cases.goals(answer.query) for answer in cases.answers]
     plan(0)
-    return _timed("OMPL with coal", cases, plan)
-
-
-def _timed(name: str, cases: MotionCases, plan: Callable[[int], Array | None]) -> Entry:
-    paths, seconds = [], []
-    for i in range(len(cases.answers)):
-        begun = process_time()
-        paths.append(plan(i))
-        seconds.append(process_time() - begun)
-    return cases.judged(name, paths, seconds)
+    return cases.judged("OMPL with coal", *answers_of(plan, range(len(cases.answers))))
 
 
 def _mplib(cases: MotionCases) -> Peer:

@@ -9,12 +9,11 @@ from ruckig import InputParameter, Result, Ruckig, Synchronization, Trajectory
 
 from planners.geometry.pose import Array
 from planners.motion.timing import JointLimits
+from tests.benchmarks.peers.contest import Samples
 
 
-def time_with_ruckig(
-    waypoints: Array, limits: JointLimits, jerk: Array, step: float
-) -> tuple[Array, Array, Array, Array]:
-    """Return times (n,), positions, velocities and accelerations (n, k), at most `step` apart [s].
+def time_with_ruckig(waypoints: Array, limits: JointLimits, jerk: Array, step: float) -> Samples:
+    """Return the samples, at most `step` apart [s].
 
     Raises:
         ArithmeticError: It finds no motion.

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from time import process_time
 
 import numpy as np
 
 from planners.geometry.pose import Array
 from planners.motion.blended_path import BlendedPath
 from planners.motion.timing import JointLimits, TimingSettings, time_path
-from tests.benchmarks.peers.contest import Contest, Entry, tried
+from tests.benchmarks.peers.contest import Contest, Entry, Samples, answers_of, tried
 from tests.benchmarks.peers.motion_contest import MotionCases
 from tests.benchmarks.tasks import Note
 
@@ -19,8 +18,6 @@ TOLERANCE = 0.01
 """Share by which a limit may be exceeded."""
 OFF_LINE = 1e-4
 """That a motion may be off the path that was found free [rad]."""
-Samples = tuple[Array, Array, Array, Array]
-"""Times (n,), positions, velocities and accelerations (n, k)."""
 TEXT = (
     "The paths of the same run, corners rounded as far as they are free, from rest to rest. Ours ramps accelerations "
     "within 0.08 s. *toppra* gets the same blended paths as a geometric path of its own kind, piece by piece between "
@@ -89,18 +86,23 @@ def _pieces(path: BlendedPath) -> list[tuple[float, float]]:
 def _timed(
     name: str, paths: Sequence[BlendedPath], limits: JointLimits, run: Callable[[BlendedPath], Samples]
 ) -> Entry:
-    run(paths[0])
-    seconds, solved, durations, claimed = [], [], [], []
-    for path in paths:
-        begun = process_time()
+    def samples_of(path: BlendedPath) -> Samples | None:
         try:
-            samples = run(path)
+            return run(path)
         except ArithmeticError:
-            samples = None
-        seconds.append(process_time() - begun)
-        claimed.append(samples is not None)
-        solved.append(samples is not None and keeps(samples, path.waypoints, limits))
-        durations.append(float(samples[0][-1]) if samples is not None and solved[-1] else np.nan)
+            return None
+
+    run(paths[0])
+    answers, seconds = answers_of(samples_of, paths)
+    solved = [
+        samples is not None and keeps(samples, path.waypoints, limits)
+        for samples, path in zip(answers, paths, strict=True)
+    ]
+    durations = [
+        float(samples[0][-1]) if samples is not None and good else np.nan
+        for samples, good in zip(answers, solved, strict=True)
+    ]
+    claimed = [samples is not None for samples in answers]
     return Entry(name, seconds, solved, durations, claimed)
 
 

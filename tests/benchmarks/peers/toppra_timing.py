@@ -10,12 +10,9 @@ from toppra.algorithm import TOPPRA
 from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 from toppra.interpolator import AbstractGeometricPath
 
-from planners.geometry.pose import Array
 from planners.motion.blended_path import BlendedPath
 from planners.motion.timing import JointLimits
-
-Samples = tuple[Array, Array, Array, Array]
-"""Times (n,), positions, velocities and accelerations (n, k)."""
+from tests.benchmarks.peers.contest import Samples
 
 
 class ToppraPath(AbstractGeometricPath):
