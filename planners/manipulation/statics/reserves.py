@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced
+from planners.balance.lifter import SuctionPad
 from planners.balance.solver import Balance
 from planners.geometry.pose import Array
 from planners.manipulation.lift_segment import BalancedContacts, LiftSegment
@@ -15,6 +17,10 @@ from planners.plan.verdicts import LeastReserve
 
 STEPS = 200
 """A reserve is found as a whole multiple of one part in so many [1]."""
+JOINTS = "joint torque"
+"""Name of the limit that is none of forces."""
+_ROUNDING = 1e-9
+"""Of a number of steps [1]."""
 
 
 class ReserveScale:
@@ -52,9 +58,14 @@ class ReserveScale:
         return max(low / STEPS, reserve), best
 
     def limit(self, held: HeldPlate, reserve: float) -> str:
-        """Name the limit that keeps the reserve from being larger: the one whose own share need not be kept back."""
-        beyond = int(reserve * STEPS) + 1
+        """Name the limit that keeps the reserve from being larger: the one whose own share need not be kept back.
+
+        Where no limit of forces does, joints would not bear the forces that keep more back.
+        """
+        beyond = math.floor(reserve * STEPS + _ROUNDING) + 1
         kept = self._keeping(min(beyond, STEPS - 1))
+        if beyond < STEPS and isinstance(_answer(kept, held), Balanced):
+            return JOINTS
         for name, program in _each_relaxed(self._program, kept, held):
             if isinstance(_answer(program, held), Balanced):
                 return name
@@ -73,9 +84,11 @@ def _answer(program: Balance, held: HeldPlate) -> Balanced | Unbalanced:
 def _each_relaxed(stated: Balance, kept: Balance, held: HeldPlate) -> Iterable[tuple[str, Balance]]:
     """Yield programs with all shares kept back but one limit's, with the name of that limit."""
     whole, less = stated.cup, kept.cup
-    # Friction first: where a pad's grows with the cup's force (Dex-Net), more of that force may be wanted for it alone.
-    yield "cup: friction", kept.with_limits(cup=replace(less, mu=whole.mu))
-    yield "cup: pull", kept.with_limits(cup=replace(less, max_force=whole.max_force))
+    pull = "cup: pull", kept.with_limits(cup=replace(less, max_force=whole.max_force))
+    friction = "cup: friction", kept.with_limits(cup=replace(less, mu=whole.mu))
+    # Where friction grows with the cup's force (Dex-Net), more of that force may be wanted for friction alone.
+    grows = isinstance(stated.lifter, SuctionPad) and stated.lifter.grip_at_rest > 0.0
+    yield from (friction, pull) if grows else (pull, friction)
     yield "cup: bending", kept.with_limits(cup=replace(less, kappa=whole.kappa))
     if held.grip is not None:
         yield "friction of the fingers", kept.with_limits(friction=replace(kept.friction, grip=stated.friction.grip))
