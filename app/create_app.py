@@ -51,6 +51,7 @@ from app.routes import (
 from app.settings import ServiceSettings
 from app.task_intake import KnownTasks, accept_task
 from app.uploads.uploads import UploadLimits
+from app.viewer.editor.feasibility import OtherWays
 from app.viewer.page import recording_software
 from app.viewer.scene_servers import SceneServers, WatcherRoom
 from planners.cell.cell import ShippedCells, load_cells
@@ -61,6 +62,8 @@ from workers.engine.deadline import PatientQuestion
 from workers.engine.housekeeping import DELETION_PAUSE_SECONDS
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
+from workers.solver.feasibility_pool import FeasibilityPool
+from workers.solver.pool import SolverCommand
 from workers.stores.cell_store import CellStore
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
@@ -69,6 +72,7 @@ from workers.stores.plan_store import PlanStore, Room
 from workers.stores.plan_writer import PlanWriter
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
+from workers.stores.task_parts import TaskParts
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.target import TargetRules
 
@@ -135,6 +139,12 @@ def create_app(settings: ServiceSettings, *, with_worker: bool, ask_for_keys: bo
                 settings.recordings_mb * 2**20,
                 settings.max_recordings_waiting,
             )
+            command = SolverCommand(
+                settings.feasibility_command, {}, settings.solver_memory_mb * 2**20, settings.solver_niceness
+            )
+            ways = FeasibilityPool(command, settings.max_lifts_kept)
+            to_close.push_async_callback(ways.close)
+            app.state.other_ways = OtherWays(ways, TaskParts(app.state.meshes, kept_cells))
             worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
             if worker is not None:
                 to_close.push_async_callback(worker.stop)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from workers.settings import WorkerSettings
+from workers.settings import FEASIBILITY_COMMAND, WorkerSettings
 
 
 class ServiceSettings(WorkerSettings):
@@ -58,6 +58,11 @@ class ServiceSettings(WorkerSettings):
     """So many viewers and editors are open at each API process, each with a scene of some 10 MB [1]."""
     max_watchers_of_owner: int = Field(default=8, ge=1)
     """So many of one owner's, where keys tell owners apart [1]."""
+    max_lifts_kept: int = Field(default=2, ge=0, le=64)
+    """For so many editors at each API process the graph of their lift is kept, in a process of some 300 MB each, by
+    which it is told at once whether a change leaves a way [1]; 0: for none."""
+    feasibility_command: tuple[str, ...] = FEASIBILITY_COMMAND
+    """Starts one of these processes; see `workers.solver.feasibility_process`."""
     max_recordings_waiting: int = Field(default=8, ge=0)
     """With so many recordings that wait to be made, the recording of a further plan is refused [1]."""
     recordings_mb: int = Field(default=250, ge=0)

@@ -20,6 +20,7 @@ CELLS_FOLDER = "cells"
 """In the data directory."""
 SOLVER_COMMAND = (sys.executable, "-m", "workers.solver.process")
 STUDY_COMMAND = (sys.executable, "-m", "workers.solver.study_process")
+FEASIBILITY_COMMAND = (sys.executable, "-m", "workers.solver.feasibility_process")
 
 
 def _default_slots() -> int:

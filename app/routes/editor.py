@@ -26,5 +26,6 @@ def get_editor() -> Response:
 async def edit_task(socket: WebSocket) -> None:
     """Open a scene with a draft in it for as long as the page is open."""
     state = socket.app.state
-    workshop = Workshop(state.scene_servers, state.meshes.get, state.tools, partial(visible_now, socket))
+    visible = partial(visible_now, socket)
+    workshop = Workshop(state.scene_servers, state.meshes.get, state.tools, visible, state.other_ways)
     await edit(socket, workshop, caller_of(socket).owner)

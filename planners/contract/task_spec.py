@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -339,6 +340,17 @@ def read_task(body: object) -> PlateLiftTask | SuctionToolTask:
 def write_task(task: PlateLiftTask | SuctionToolTask) -> dict[str, Any]:
     """Return the task as accepted, every default filled in, as JSON data. `read_task` gives the same task again."""
     return task.model_dump(mode="json")
+
+
+def without(task: PlateLiftTask | SuctionToolTask, pointers: Iterable[str]) -> dict[str, Any]:
+    """Return a task as JSON data without some of its members, by their pointers (RFC 6901, names of objects only)."""
+    data = write_task(task)
+    for pointer in pointers:
+        holder, *steps = data, *pointer.split("/")[1:]
+        for step in steps[:-1]:
+            holder = holder[step]
+        holder.pop(steps[-1], None)
+    return data
 
 
 def task_schema() -> dict[str, Any]:

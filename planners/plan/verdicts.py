@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 
 from pydantic import Field, JsonValue
@@ -48,6 +49,16 @@ class PlanningOutcome(StrEnum):
     """Proven: no plan exists."""
     NOT_FOUND = "not_found"
     """No plan among the poses, holds, suction poses and motions that were tried."""
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """Whether held poses of a lift lead from the support into the air; the motion of the arms is not asked for."""
+
+    kept: float | None
+    """Share of every limit that such a way keeps back: what the task asks for, else 0 [1]; None: there is no way."""
+    why: str | None = None
+    """Where it is proven that there is none, whatever holds are tried: the proof, in a sentence."""
 
 
 class Software(StrictModel):

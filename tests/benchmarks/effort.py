@@ -51,8 +51,11 @@ class Effort:
     kernels: tuple[str, ...] = tuple(KERNELS)
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
-    soaks: tuple[tuple[str, bool, int, int], ...] = (("PostgreSQL", True, 500, 110), ("SQLite", False, 100, 25))
-    """Where, whether that is PostgreSQL, jobs, kills."""
+    soaks: tuple[tuple[str, bool, int, int, int], ...] = (
+        ("PostgreSQL", True, 16, 80, 50),
+        ("SQLite", False, 8, 30, 25),
+    )
+    """Where, whether that is PostgreSQL, rounds, and jobs and kills in each."""
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
     fuzz_cases: int = 100_000
     interface_examples: int = 500

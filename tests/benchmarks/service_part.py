@@ -6,18 +6,21 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from tests.benchmarks import fuzz, interface, load, soak
+from tests.benchmarks.attempt_file import AttemptFile, kept_attempts
 from tests.benchmarks.effort import Effort
 from tests.benchmarks.fuzz import FuzzFigures
 from tests.benchmarks.interface import InterfaceFigures
 from tests.benchmarks.load import LoadFigures
 from tests.benchmarks.markdown import table
 from tests.benchmarks.part import Findings, Limit
-from tests.benchmarks.soak import SoakFigures, SoakSettings
+from tests.benchmarks.soak import SoakFigures, SoakRound, SoakSettings
 from tests.benchmarks.tasks import Note, task_body
 from workers.settings import SOLVER_COMMAND
 
@@ -30,15 +33,26 @@ LONGEST_READ = 50.0
 
 
 def measure_faults(effort: Effort, note: Note, folder: Path) -> Findings:
-    """Kill parts of a fleet of its own while it plans: about an hour."""
+    """Kill parts of fleets of its own while they plan, round by round: some hours, which `--most` takes apart.
+
+    Raises:
+        Unfinished: Rounds are left.
+    """
     del folder
-    soaks = {}
-    for place, postgres, jobs, kills in effort.soaks:
-        note(f"soak on {place}: {jobs} jobs, {kills} kills")
-        with tempfile.TemporaryDirectory() as place_of_files:
-            soaks[place] = soak.soak(SoakSettings(jobs, kills, postgres, _cheap_task), Path(place_of_files), note)
-    limits = [_soak_limit(place, figures) for place, figures in soaks.items()]
-    return Findings(limits, [_soak_section(soaks)] if soaks else [])
+    work = {
+        (place, seed): partial(_soaked, place, seed, SoakSettings(jobs, kills, postgres, _cheap_task, seed=seed))
+        for place, postgres, rounds, jobs, kills in effort.soaks
+        for seed in range(rounds)
+    }
+    if not work:
+        return Findings([], [])
+    with kept_attempts(effort.resumed) as kept, ProcessPoolExecutor(1, get_context("spawn")) as process:
+        file = AttemptFile.of_this_code(kept, SoakRound, "soak", ("soak.py", "service_part.py"))
+        rounds = file.complete(process, work, note, effort.most_attempts)
+    soaks: dict[str, SoakFigures] = {}
+    for (place, _), each in rounds.items():
+        soaks[place] = soaks.get(place, SoakFigures()) + each.sums
+    return Findings([_soak_limit(place, figures) for place, figures in soaks.items()], [_soak_section(soaks)])
 
 
 def measure_load(effort: Effort, note: Note, folder: Path) -> Findings:
@@ -66,6 +80,11 @@ def measure_bad_input(effort: Effort, note: Note, folder: Path) -> Findings:
     note(f"interface: {used.steps} steps, {len(used.faults)} of them not as foretold")
     limits = [_fuzz_limit(abused), _interface_limit(used)]
     return Findings(limits, [_fuzz_section(abused), _interface_section(used)])
+
+
+def _soaked(place: str, seed: int, settings: SoakSettings) -> SoakRound:
+    with tempfile.TemporaryDirectory() as folder:
+        return SoakRound(place, seed, asdict(soak.soak(settings, Path(folder), lambda _: None)))
 
 
 def _explored(share: tuple[int, int]) -> InterfaceFigures:
@@ -101,12 +120,26 @@ def _soak_limit(place: str, figures: SoakFigures) -> Limit:
 def _soak_section(soaks: dict[str, SoakFigures]) -> str:
     rows = [
         (place, each.jobs, each.seconds / 60.0, *(each.kills[kind] for kind in ("worker", "solver")),
-         each.kills["api"] + each.kills["service"], each.kills["postgres"], each.attempts, each.unavailable)
+         each.kills["api"] + each.kills["service"], each.kills["postgres"], each.kills["fail-over"], each.attempts,
+         each.unavailable)
         for place, each in soaks.items()
     ]  # fmt: skip
-    head = ("", "jobs", "[min]", "workers", "solvers", "API", "PostgreSQL", "attempts", "answers that had to wait")
+    head = (
+        "",
+        "jobs",
+        "[min]",
+        "workers",
+        "solvers",
+        "API",
+        "PostgreSQL",
+        "fail-overs",
+        "attempts",
+        "answers that had to wait",
+    )
     text = (
-        "Real tasks; each kill is a SIGKILL (every other one of PostgreSQL an immediate shutdown) at a random moment. "
+        "Real tasks; each kill is a SIGKILL (every other one of PostgreSQL an immediate shutdown) at a random moment, "
+        "in rounds with a fresh fleet each. PostgreSQL has a synchronous standby, which once in each round takes the "
+        "place of a primary that was killed. "
         "Checked for each job: accepted once, ended, succeeded, one document, which is what its hash says and what is "
         "served; and that no process is left. On SQLite the API is the whole service."
     )

@@ -13,9 +13,9 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import httpx
 import psutil
@@ -46,7 +46,8 @@ class SoakSettings:
     jobs: int
     kills: int
     postgres: bool
-    """Two workers and the API apart on PostgreSQL; otherwise one process on SQLite."""
+    """Two workers and the API apart on PostgreSQL with a standby, which takes over once; otherwise one process on
+    SQLite."""
     body: Callable[[int], dict[str, Any]]
     """The task of the job of each number."""
     solver: tuple[str, ...] | None = None
@@ -56,7 +57,7 @@ class SoakSettings:
 
 @dataclass
 class SoakFigures:
-    """What has happened, and what was found afterwards."""
+    """What has happened, and what was found afterwards. Figures of several add up."""
 
     jobs: int = 0
     seconds: float = 0.0
@@ -68,6 +69,43 @@ class SoakFigures:
     """Requests that were answered with 503 or not at all."""
     faults: list[str] = field(default_factory=list)
     """Promises that were broken."""
+
+    def __add__(self, other: SoakFigures) -> SoakFigures:
+        return SoakFigures(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
+
+
+@dataclass(frozen=True)
+class SoakRound:
+    """One fleet that was killed at random, as it is kept in a file."""
+
+    place: str
+    seed: int
+    figures: dict[str, Any]
+    """Of its `SoakFigures`."""
+
+    @classmethod
+    def broken(cls, key: tuple[str, int], error: BaseException) -> Self:
+        """Return the round that ended with an error of the fleet, or of whoever killed it."""
+        return cls(*key, asdict(SoakFigures(faults=[f"the round ended with {error!r:.300}"])))
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Where, and by what it was drawn."""
+        return self.place, self.seed
+
+    @property
+    def sums(self) -> SoakFigures:
+        """What has happened."""
+        counted = {name: Counter(self.figures[name]) for name in ("kills", "states")}
+        return SoakFigures(**{**self.figures, **counted})
+
+    def told(self) -> str:
+        """Say in a line what came of it."""
+        sums = self.sums
+        return (
+            f"{self.place}, round {self.seed}: {sums.jobs} jobs, {sums.kills.total()} kills in {sums.seconds:.0f} s, "
+            f"{len(sums.faults)} broken promises"
+        )
 
 
 def soak(settings: SoakSettings, folder: Path, note: Note) -> SoakFigures:
@@ -94,10 +132,14 @@ class Fleet:
         shared = {"poll_seconds": 0.2, "worker_slots": 1, "interruption_limit": 1000, "crash_limit": 10}
         # Started as people start them: what is forked from a loaded process does not bear the tag.
         self.server: PostgresServer | None = None
+        """That takes writes now."""
+        self._standby: PostgresServer | None = None
         self.workers: list[WorkerProcess] = []
         if settings.postgres:
             self.server = stack.enter_context(running_postgres())
-            shared["database_url"] = self.server.url
+            self._standby = stack.enter_context(self.server.with_standby())
+            hosts = "&".join(f"host=127.0.0.1:{each.port}" for each in (self.server, self._standby))
+            shared["database_url"] = f"postgresql://liftwright@/liftwright?{hosts}&target_session_attrs=read-write"
             self.workers = [
                 WorkerProcess(f"w{n}", folder / f"w{n}", settings.solver, fresh=True, **shared) for n in range(2)
             ]
@@ -109,9 +151,17 @@ class Fleet:
         self.api.start()
         for worker in self.workers:
             worker.wait()
-        self.settings = WorkerSettings(
-            data_dir=folder / "api", database_url=None if self.server is None else self.server.url
-        )
+        self.settings = WorkerSettings(data_dir=folder / "api", database_url=shared.get("database_url"))
+
+    def fail_over(self, chance: random.Random) -> str:
+        """Kill the database for good, have its standby take over, and return what that is called."""
+        assert self.server is not None
+        assert self._standby is not None
+        chance.choice([self.server.kill, self.server.stop])()
+        time.sleep(chance.uniform(0.0, 1.0))
+        self._standby.promote()
+        self.server, self._standby = self._standby, None
+        return "fail-over"
 
     def kill_something(self, chance: random.Random) -> str:
         """Kill one part that is drawn, start it again, and return its kind."""
@@ -229,6 +279,7 @@ def _plan_and_kill(settings: SoakSettings, fleet: Fleet, client: Client, chance:
             posted += 1
 
     go_on()
+    failing_over = chance.randrange(settings.kills) if settings.postgres else None
     for kill in range(settings.kills):
         share = (settings.jobs - 2) * kill // settings.kills
         stalled = time.monotonic() + STALL_SECONDS
@@ -236,7 +287,7 @@ def _plan_and_kill(settings: SoakSettings, fleet: Fleet, client: Client, chance:
             time.sleep(0.05)
             go_on()
         time.sleep(chance.uniform(0.0, 0.7))
-        kind = fleet.kill_something(chance)
+        kind = fleet.fail_over(chance) if kill == failing_over else fleet.kill_something(chance)
         client.figures.kills[kind] += 1
         if kill % 10 == 0:
             note(f"soak: {kill + 1} kills, {len(client.ended)} of {settings.jobs} jobs have ended")

@@ -117,8 +117,22 @@ def test_whatever_is_to_be_drawn_is_no_fault(socket: ClientConnection, body: Any
     assert draw(socket, body) == {"type": "done", "request": "draw"}
 
 
-def test_without_a_path_nothing_is_judged(socket: ClientConnection) -> None:
-    assert ask(socket, type="judge", task=task()) == {"type": "judged", "feasibility": None}
+def test_without_a_path_it_is_told_whether_any_way_is_left(socket: ClientConnection) -> None:
+    lift = {**task("ab1.json"), "options": {"hold_density": 0.75, "reserve": 0.0}}
+    draw(socket, lift)
+    told = []
+    for force in (80.0, 12.0):
+        changed = {**lift, "cup": {**lift["cup"], "max_force": force}}
+        assert ask(socket, type="judge", task=changed) == {"type": "judged", "feasibility": None}
+        told.append(json.loads(socket.recv(timeout=120)))
+    assert [(each["type"], each["feasibility"]["holds"]) for each in told] == [("way", True), ("way", False)]
+
+
+def test_of_what_is_no_lift_of_the_cell_that_is_shown_nothing_is_known(socket: ClientConnection) -> None:
+    draw(socket, task("ab1.json"))
+    for no_lift in (None, task("ab1_ur3.json"), task("can_stack.json"), {**task("ab1.json"), "cup": {}}):
+        assert ask(socket, type="judge", task=no_lift) == {"type": "judged", "feasibility": None}
+        assert json.loads(socket.recv(timeout=60)) == {"type": "way", "feasibility": None}
 
 
 @pytest.mark.parametrize(
@@ -172,10 +186,20 @@ class NoServers:
         pass
 
 
+class NoWays:
+    """Keeps no lift, and takes for ever to say so."""
+
+    async def ask(self, editor: str, sent: Any, cell: str | None) -> None:
+        await asyncio.Event().wait()
+
+    async def leave(self, editor: str) -> None:
+        pass
+
+
 def test_of_a_page_that_reads_no_answers_nothing_more_is_read_and_it_can_leave() -> None:
     async def edited() -> int:
         page, servers = LazyPage(), NoServers()
-        workshop = Workshop(servers, no_uploads, {}, None)  # pyright: ignore[reportArgumentType]
+        workshop = Workshop(servers, no_uploads, {}, None, NoWays())  # pyright: ignore[reportArgumentType]
         editing = asyncio.create_task(edit(page, workshop, None))  # pyright: ignore[reportArgumentType]
         # One is being sent, and one waits for room.
         while page.asked < MOST_UNSENT + 2:
@@ -193,7 +217,7 @@ def test_of_a_page_that_reads_no_answers_nothing_more_is_read_and_it_can_leave()
 def test_news_of_the_scene_are_dropped_for_a_page_that_does_not_keep_up_and_answers_are_not() -> None:
     async def told() -> list[PageAnswer]:
         outbox, sent = anyio.create_memory_object_stream[PageAnswer](MOST_UNSENT)
-        workshop = Workshop(NoServers(), no_uploads, {}, None)  # pyright: ignore[reportArgumentType]
+        workshop = Workshop(NoServers(), no_uploads, {}, None, NoWays())  # pyright: ignore[reportArgumentType]
         editing = _Editing(workshop, SimpleNamespace(), outbox)  # pyright: ignore[reportArgumentType]
         for _ in range(10 * MOST_UNSENT):
             editing._told(Chosen("/cup"))

@@ -198,6 +198,7 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page
     for _ in range(6):
         page.keyboard.press("ArrowUp")
     expect(page.locator("#feasibility")).to_contain_text("the plate is not held")
+    expect(page.locator("#feasibility")).to_contain_text("way is left")
     page.locator("#undo").click(click_count=1)
     draw_no_scene(page)
     page.locator("#watch").click()

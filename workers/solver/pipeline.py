@@ -27,7 +27,7 @@ from planners.scene.suction_tool import SuctionTool, load_tools
 from planners.survey.reach_map import map_reach
 from workers.simulation.simulate import simulate_plan
 from workers.software import describe_software
-from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest, StudyRequest, uploads_of
+from workers.solver.protocol import REJECTED_VARIABLE, Answer, AnyRequest, SolverRequest, uploads_of
 from workers.stores.handover_store import HandoverStore
 
 REFERENCE_TASK = "ab1.json"
@@ -136,7 +136,7 @@ def _answer(plan: Plan) -> Answer:
     return Answer(plan.outcome, plan.write(), stages)
 
 
-def cells_of(request: SolverRequest | StudyRequest, task_cell: str, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:
+def cells_of(request: AnyRequest, task_cell: str, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:
     """Return the cells that a request may name: the shipped ones, and its own as its task names it."""
     if request.cell_folder is None:
         return shipped

@@ -15,8 +15,17 @@ from typing import Self
 import structlog
 
 from planners.errors import LiftwrightError
+from planners.plan.verdicts import Feasibility
 from planners.progress import Report
-from workers.solver.protocol import MAX_LINE, DocumentHeader, Message, SolverRequest, StudyRequest
+from workers.solver.protocol import (
+    MAX_LINE,
+    AnyRequest,
+    DocumentHeader,
+    FeasibilityRequest,
+    Message,
+    SolverRequest,
+    StudyRequest,
+)
 from workers.stores.plan_store import PackedDocument
 
 READY_SECONDS = 300.0
@@ -163,7 +172,20 @@ class SolverProcess:
             elif message.examined:
                 return
 
-    async def _send(self, request: SolverRequest | StudyRequest) -> None:
+    async def judge(self, request: FeasibilityRequest) -> Feasibility | None:
+        """Ask whether a lift has a way left; None where nothing is known. The process can be asked again.
+
+        Raises:
+            SolverDied: It ended before.
+            SolverFault: It says why it cannot go on.
+        """
+        await self.ready()
+        await self._send(request)
+        while (found := (await self._receive()).feasibility) is None:
+            pass
+        return Feasibility(*found) if found else None
+
+    async def _send(self, request: AnyRequest) -> None:
         try:
             self._stdin.write(request.line())
             await self._stdin.drain()

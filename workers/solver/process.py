@@ -291,6 +291,20 @@ def _packed(answer: Answer) -> tuple[DocumentHeader, bytes]:
     return DocumentHeader(answer.outcome, sha256, len(packed), answer.stages), packed
 
 
+def answer_each(prepare: Callable[[], Callable[[bytes, Channel], None]]) -> None:
+    """Get ready, and answer requests one after the other in this process, for what it knows from one to the next."""
+    channel = Channel()
+    requests = listen_to_the_worker()
+    with ReportedFaults(channel):
+        with loading():
+            answer = prepare()
+            # What it took to get ready is done with, and would be kept.
+            gc.collect()
+        channel.send(Message(ready=True))
+        while True:
+            answer(requests.get(), channel)
+
+
 def listen_to_the_worker() -> SimpleQueue[bytes]:
     """Return where requests will be, each of which follows the answer to the last; end when the worker is gone."""
     requests: SimpleQueue[bytes] = SimpleQueue()

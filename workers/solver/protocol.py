@@ -9,7 +9,8 @@ given remedies, is sent in between, as a document is, but as `{"certified": …}
 `until_certified`. A request may bring it back as `certified`: then what it lacks is added, and nothing is planned.
 
 A process that examines points of studies is asked `{"study", "points", "meshes", "cell_folder"}`, answers with
-`{"point": …}` for each, then with `{"examined": true}`, and waits for the next request.
+`{"point": …}` for each, then with `{"examined": true}`, and waits for the next request. One that keeps the graph of a
+lift is asked `{"lift", "meshes", "cell_folder"}`, and answers with `{"feasibility": [kept, why]}`, or `[]`.
 """
 
 from __future__ import annotations
@@ -78,7 +79,20 @@ class StudyRequest(Line):
     cell_folder: str | None = None
 
 
-def uploads_of(request: SolverRequest | StudyRequest) -> Uploads:
+@dataclass(frozen=True)
+class FeasibilityRequest(Line):
+    """Of which lift it is asked whether a way is left."""
+
+    lift: dict[str, object]
+    """A task, as accepted."""
+    meshes: Mapping[str, MeshDocument] | None = None
+    cell_folder: str | None = None
+
+
+AnyRequest = SolverRequest | StudyRequest | FeasibilityRequest
+
+
+def uploads_of(request: AnyRequest) -> Uploads:
     """Return how the scene finds the meshes that came with a request."""
     documents = request.meshes or {}
     return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
@@ -120,6 +134,8 @@ class Message(Line):
     document: DocumentHeader | None = None
     point: dict[str, object] | None = None
     examined: bool | None = None
+    feasibility: tuple[float | None, str | None] | tuple[()] | None = None
+    """Members of a `Feasibility`; none of them where nothing is known."""
     fault: str | None = None
 
     def __post_init__(self) -> None:

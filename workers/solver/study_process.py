@@ -11,8 +11,7 @@ from collections.abc import Callable
 
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
-from workers.loading import loading
-from workers.solver.process import Channel, ReportedFaults, listen_to_the_worker, load_pipeline
+from workers.solver.process import Channel, answer_each, load_pipeline
 from workers.solver.protocol import Message, StudyRequest, uploads_of
 
 Examine = Callable[[Study, int, StudyRequest], StudyPoint]
@@ -21,21 +20,20 @@ Examine = Callable[[Study, int, StudyRequest], StudyPoint]
 
 def main(prepare: Callable[[], Examine]) -> None:
     """Get ready and examine what is requested."""
-    channel = Channel()
-    requests = listen_to_the_worker()
-    with ReportedFaults(channel):
-        with loading():
-            examine = prepare()
-            # What it took to get ready is done with, and would be kept.
-            gc.collect()
-        channel.send(Message(ready=True))
-        while True:
-            request = StudyRequest.read(requests.get())
-            study = Study.of_document(request.study)
-            for index in request.points:
-                channel.send(Message(point=examine(study, index, request).model_dump(mode="json")))
-                gc.collect()
-            channel.send(Message(examined=True))
+
+    def answering() -> Callable[[bytes, Channel], None]:
+        examine = prepare()
+        return lambda line, channel: _answer(examine, StudyRequest.read(line), channel)
+
+    answer_each(answering)
+
+
+def _answer(examine: Examine, request: StudyRequest, channel: Channel) -> None:
+    study = Study.of_document(request.study)
+    for index in request.points:
+        channel.send(Message(point=examine(study, index, request).model_dump(mode="json")))
+        gc.collect()
+    channel.send(Message(examined=True))
 
 
 def _load_examiner() -> Examine:

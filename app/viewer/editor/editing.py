@@ -24,7 +24,7 @@ from app.errors import (
 from app.viewer.camera import VIEWS
 from app.viewer.editor.draft import cell_of, read_draft
 from app.viewer.editor.draft_scene import Chosen, DraftScene, Moved
-from app.viewer.editor.feasibility import LastPath
+from app.viewer.editor.feasibility import LastPath, OtherWays
 from app.viewer.editor.found_path import lines_of
 from app.viewer.editor.starts import NoSuchExample, example_task, task_of_scene
 from app.viewer.link_meshes import FULL, LIGHT
@@ -43,6 +43,7 @@ from app.viewer.watch import (
     scene_for,
 )
 from planners.cell.cell import Cell
+from planners.contract.task_spec import write_task
 from planners.errors import SceneError
 from planners.scene.shape_source import ShapeSource, Uploads
 from planners.scene.suction_tool import SuctionTool
@@ -89,7 +90,7 @@ class ShowPath(PageRequest[Literal["path"]]):
 
 
 class Judge(PageRequest[Literal["judge"]]):
-    """Say at once whether the last path would hold with the forces of a task."""
+    """Say at once whether the last path would hold with the forces of a task, and soon whether else a way is left."""
 
     task: Any
 
@@ -107,6 +108,14 @@ class Judged(PageAnswer):
     """Whether the last path would hold; None: there is none."""
 
     type = "judged"
+    feasibility: Any
+
+
+@dataclass(frozen=True)
+class WayJudged(PageAnswer):
+    """Whether a way is left for the task that was judged last; None: nothing is known of it."""
+
+    type = "way"
     feasibility: Any
 
 
@@ -155,6 +164,7 @@ class Workshop:
     tools: Mapping[str, SuctionTool]
     visible_now: Callable[[], Awaitable[Visible]]
     """Tells what somebody may see, whenever something is opened; raises what `admit` does."""
+    ways: OtherWays
 
 
 async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None:
@@ -166,7 +176,9 @@ async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None
         outbox, sent = anyio.create_memory_object_stream[PageAnswer](MOST_UNSENT)
         async with outbox, anyio.create_task_group() as tasks:
             tasks.start_soon(_send_on, sent, socket)
-            await answer_requests(socket, _Editing(workshop, server, outbox).answer, "editor")
+            editing = _Editing(workshop, server, outbox)
+            tasks.start_soon(editing.look_for_ways)
+            await answer_requests(socket, editing.answer, "editor")
             tasks.cancel_scope.cancel()
 
 
@@ -178,6 +190,14 @@ async def _send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocke
                 await socket.send_json(answer.document())
         except (WebSocketDisconnect, RuntimeError):
             log.debug("somebody left the editor")
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """For which task a way is looked for."""
+
+    task: Any
+    is_told: bool = True
 
 
 @dataclass
@@ -198,6 +218,27 @@ class _Editing:
 
     def __post_init__(self) -> None:
         self.shapes = ShapeSource(self.workshop.uploads)
+        self._question: _Question | None = None
+        """That is to be asked of the graph of the lift, or was asked last and is still of interest."""
+        self._asked = asyncio.Event()
+
+    async def look_for_ways(self) -> None:
+        """Ask for ways of the task that is judged, one question after the other; of several that wait, the last."""
+        try:
+            while True:
+                await self._asked.wait()
+                self._asked.clear()
+                question = self._question
+                if question is None:
+                    continue
+                found = await self.workshop.ways.ask(self.server.key, question.task, self.cell_name)
+                if question is self._question and question.is_told:
+                    await self.outbox.send(WayJudged(None if found is None else found.model_dump()))
+        except anyio.BrokenResourceError:
+            log.debug("nobody listens any more")
+        finally:
+            with anyio.CancelScope(shield=True):
+                await self.workshop.ways.leave(self.server.key)
 
     async def answer(self, text: str) -> None:
         """Do what is asked for, and say so, or what went wrong, once the page has room for that."""
@@ -220,7 +261,7 @@ class _Editing:
                     visible = None if self._stays(request) else await self.workshop.visible_now()
                     await run_in_threadpool(self._draw, request, visible)
                 case Judge():
-                    return Judged(await run_in_threadpool(self._judge, request.task))
+                    return await self._judge(request.task)
                 case _:
                     await run_in_threadpool(self._change_scene, request)
         except (PlanNotFound, DocumentNotReady, SceneNotFound, NoSuchExample, CellNotDrawn, TooManyRequests) as error:
@@ -275,12 +316,22 @@ class _Editing:
             return Done(request.type)
         if LastPath.can_be_of(plan) and plan.task.cell in visible.cells:
             self.path = LastPath(plan, visible.cells)
+        # The graph is made before somebody drags anything.
+        self.loop.call_soon_threadsafe(self._ask_for_ways, _Question(write_task(plan.task), is_told=False))
         told = describe_plan(plan).model_dump(mode="json", by_alias=True, include=RESULT)
         return PlanResult(request.plan, told)
 
-    def _judge(self, task: Any) -> Any:
-        judged = None if self.path is None else self.path.judge(task)
-        return None if judged is None else judged.model_dump()
+    async def _judge(self, task: Any) -> Judged:
+        judged = None if self.path is None else await run_in_threadpool(self.path.judge, task)
+        if judged is not None and judged.holds:
+            self._question = None
+            return Judged(judged.model_dump())
+        self._ask_for_ways(_Question(task))
+        return Judged(None if judged is None else judged.model_dump())
+
+    def _ask_for_ways(self, question: _Question) -> None:
+        self._question = question
+        self._asked.set()
 
     def _told(self, news: Moved | Chosen) -> None:
         """Pass on what somebody did in the scene, from a thread of viser's."""

@@ -1,25 +1,30 @@
-"""What can be said at once of a task that changes: whether the last path would still hold with the forces of now."""
+"""What can be said at once of a task that changes: whether the last path still holds, or else another way is left."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import structlog
 from pydantic import ValidationError
+from starlette.concurrency import run_in_threadpool
 
 from planners.cell.cell import Cell
 from planners.contract.strict_model import StrictModel
-from planners.contract.task_spec import PlateLiftTask, read_task, write_task
+from planners.contract.task_spec import PlateLiftTask, read_task, without, write_task
 from planners.errors import SceneError
-from planners.manipulation.statics.path_forces import PathFails, PathForces, PathHolds
+from planners.manipulation.statics.path_forces import FORCES, PathFails, PathForces, PathHolds
 from planners.plan.plan import Plan
+from planners.plan.verdicts import Feasibility
 from planners.scene.scene import build_scene
+from workers.solver.feasibility_pool import FeasibilityPool
+from workers.solver.protocol import FeasibilityRequest
+from workers.stores.database_loss import DATABASE_GONE, said_by
+from workers.stores.task_parts import TaskParts
 
-FORCES = (
-    *("/cup", "/lifter_model", "/friction", "/hand_force_limit", "/options", "/seed", "/external_id"),
-    *("/plate/mass", "/plate/com", "/plate/mass_tolerance", "/plate/com_tolerance"),
-)
-"""Members of a plate lift that change what bears on the plate, and not where it can be moved."""
+log = structlog.get_logger(__name__)
+_NOT_THE_PATH = (*FORCES, "/plate/com", "/plate/com_tolerance", "/options", "/seed", "/external_id")
+"""Members of a plate lift that change nothing of where arms and plate are along a path."""
 PERCENT = 100.0
 ON = {
     "face": "lying on its face",
@@ -31,7 +36,7 @@ ON = {
 
 
 class FeasibilityDescription(StrictModel):
-    """What the page tells of the last path."""
+    """What the page tells of the last path, or of what is left without it."""
 
     holds: bool
     words: str
@@ -42,7 +47,7 @@ class LastPath:
 
     def __init__(self, plan: Plan, cells: Mapping[str, Cell]) -> None:
         self._forces, self._cells = PathForces(plan), cells
-        self._moves = _but_forces(plan.task)
+        self._moves = without(plan.task, _NOT_THE_PATH)
 
     @staticmethod
     def can_be_of(plan: Plan) -> bool:
@@ -56,12 +61,60 @@ class LastPath:
         """
         try:
             task = read_task(sent)
-            if not isinstance(task, PlateLiftTask) or task.cup.position is None or _but_forces(task) != self._moves:
+            if not isinstance(task, PlateLiftTask) or task.cup.position is None:
+                return None
+            if without(task, _NOT_THE_PATH) != self._moves:
                 return None
             answer = self._forces.ask(build_scene(task, self._cells))
         except (ValidationError, SceneError):
             return None
         return FeasibilityDescription(holds=isinstance(answer, PathHolds), words=_words(answer, task.options.reserve))
+
+
+class OtherWays:
+    """Asks a process that keeps the graph of an editor's lift whether any way is left."""
+
+    def __init__(self, pool: FeasibilityPool, parts: TaskParts) -> None:
+        self._pool, self._parts = pool, parts
+
+    async def ask(self, editor: str, sent: Any, cell: str | None) -> FeasibilityDescription | None:
+        """Say whether a lift, as JSON data, has a way left; None where it is no lift, or nothing is known.
+
+        Args:
+            editor: who asks, one question at a time.
+            sent: the task.
+            cell: that the editor may see, as its task says it; lifts in other cells are none.
+        """
+        try:
+            task = read_task(sent)
+        except ValidationError:
+            return None
+        if not isinstance(task, PlateLiftTask) or task.cup.position is None or task.cell != cell:
+            return None
+        lift = write_task(task)
+        try:
+            parts = await run_in_threadpool(self._parts.named_by, lift)
+        except DATABASE_GONE as error:
+            log.error("database cannot be used", error=said_by(error))
+            return None
+        found = await self._pool.ask(editor, FeasibilityRequest(lift, parts.meshes, parts.cell_folder))
+        if found is None:
+            return None
+        return FeasibilityDescription(holds=found.kept is not None, words=_words_of_ways(found, task.options.reserve))
+
+    async def leave(self, editor: str) -> None:
+        """Forget the lift of an editor that is closed."""
+        await self._pool.leave(editor)
+
+
+def _words_of_ways(found: Feasibility, asked: float) -> str:
+    if found.kept is None:
+        return found.why or "No way is left among the poses and holds that are tried first; a plan tries more of them."
+    if found.kept < asked:
+        return (
+            f"A way is left, but none was seen that keeps the {PERCENT * asked:g} % of every limit that are asked for."
+        )
+    return f"A way is left that keeps {PERCENT * found.kept:g} % of every limit back."
 
 
 def _words(answer: PathHolds | PathFails, asked: float) -> str:
@@ -72,14 +125,3 @@ def _words(answer: PathHolds | PathFails, asked: float) -> str:
     if answer.limit is None:
         return f"{where}: no single limit decides."
     return f"{where}: the {answer.limit} is short by {answer.missing:.1f} N."
-
-
-def _but_forces(task: Any) -> dict[str, Any]:
-    """Return a task as JSON data without the members that are `FORCES`."""
-    data = write_task(task)
-    for pointer in FORCES:
-        holder, steps = data, pointer.split("/")[1:]
-        for step in steps[:-1]:
-            holder = holder[step]
-        holder.pop(steps[-1], None)
-    return data

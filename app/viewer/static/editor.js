@@ -83,7 +83,8 @@ class Editor {
       refused: ({ request, detail }) => request !== "path" && this.say("That cannot be done", detail),
       fault: ({ detail }) => this.say("A fault of the service", detail),
       result: (message) => this.showResult(message),
-      judged: ({ feasibility }) => this.showFeasibility(feasibility),
+      judged: ({ feasibility }) => this.pathJudged(feasibility),
+      way: ({ feasibility }) => this.showFeasibility(this.ofPath, feasibility),
       lost: (title, words) => this.say(title, words),
     });
     byId("undo").onclick = () => this.draft.undo();
@@ -104,7 +105,8 @@ class Editor {
 
   sceneOpened(address) {
     this.say();
-    [this.moves, this.judging, this.hasPath] = [0, false, false];
+    [this.moves, this.judging] = [0, false];
+    this.showFeasibility(null, null);
     this.connection.send({ type: "detail", light: LIGHT });
     this.frame.src = frameAddress(address, LIGHT);
     if (Object.keys(this.draft.task).length) {
@@ -145,8 +147,8 @@ class Editor {
     start.onchange = () => {
       const [of, name] = start.value.split("=");
       start.value = "";
-      [this.lastPlan, this.hasPath] = [null, false];
-      byId("feasibility").hidden = true;
+      this.lastPlan = null;
+      this.showFeasibility(null, null);
       this.connection.send({ type: "path", plan: null });
       if (of === "kind") return this.begin(EMPTY[name]);
       if (of) this.connection.send({ type: "start", of, name });
@@ -174,9 +176,9 @@ class Editor {
     this.judge();
   }
 
-  /** Ask whether the last path would hold with the forces of now; of questions that come meanwhile, the last counts. */
+  /** Ask whether the last path holds for the lift of now, or else another way; of questions that come meanwhile, the last counts. */
   judge() {
-    if (!this.hasPath || this.judging) {
+    if (this.draft.task.kind !== "plate_lift" || this.judging) {
       this.toJudge = this.judging;
       return;
     }
@@ -184,13 +186,20 @@ class Editor {
     this.connection.send({ type: "judge", task: this.draft.task });
   }
 
-  showFeasibility(told) {
+  pathJudged(ofPath) {
     this.judging = false;
     if (this.toJudge) this.judge();
+    // What was told of other ways stays, as of before, until the answer for now is there.
+    this.showFeasibility(ofPath, ofPath?.holds ? null : this.ofWays, true);
+  }
+
+  showFeasibility(ofPath, ofWays, before = false) {
+    [this.ofPath, this.ofWays] = [ofPath, ofWays];
     const place = byId("feasibility");
-    place.hidden = !told || !this.hasPath;
-    place.className = told?.holds ? "holds" : "fails";
-    place.textContent = told?.words ?? "";
+    const lines = [[ofPath, false], [ofWays, before]].filter(([told]) => told);
+    place.hidden = !lines.length;
+    place.className = lines.at(-1)?.[0].holds ? "holds" : "fails";
+    place.replaceChildren(...lines.map(([{ words }, old]) => element("p", { textContent: words, className: old ? "before" : "" })));
   }
 
   show() {
@@ -443,7 +452,6 @@ class Editor {
 
   /** What came of the plan whose path is drawn now. */
   showResult({ plan, description }) {
-    this.hasPath = true;
     this.judge();
     if (plan !== this.plan) return;
     const { outcome, outcome_words, outcome_meaning, summary, causes, remedies, highlights } = description;

@@ -24,6 +24,8 @@ from planners.plan.plan import Plan
 from planners.plan.segment import Segment
 from planners.scene.lift_scene import PlateLiftScene
 
+FORCES = ("/cup", "/lifter_model", "/friction", "/hand_force_limit", "/plate/mass", "/plate/mass_tolerance")
+"""Members of a task that change what bears on the plate, and not where plate and hands can be."""
 MOST_RESERVE = 0.64
 """More is not looked for [1]."""
 MOST_TIMES = 4.0
