@@ -53,6 +53,10 @@ def _told(summary: str, link: str, causes: tuple[Rejection, ...]) -> Impasse:
     return Impasse(f"{summary}{link}{causes[0].reason}." if causes else f"{summary}.", causes)
 
 
+def _tenths_below(value: float) -> float:
+    return math.floor(10.0 * value) / 10.0
+
+
 class _Stages:
     """Goes through the stages of one lift."""
 
@@ -105,12 +109,24 @@ class _Stages:
             f"Flat on the {'table' if on_table else 'support'}, a plate that is no thicker than {1e3 * least:.3g} mm "
             "leaves no room for the stick"
         )
-        advice = "A board under it that is as large as the plate helps, or the edge of the table"
-        told = f"{reason}; this one is {1e3 * thickness:.3g} mm thick."
-        if on_table:
-            told = f"{told} {advice}."
+        told = f"{reason}; this one is {1e3 * thickness:.3g} mm thick. {self._room_for_the_stick(thickness)}"
         cause = Rejection("reach", reason, "beside the plate at rest", least, thickness, "m")
         return Impasse(told, (cause, *causes))
+
+    def _room_for_the_stick(self, thickness: float) -> str:
+        """Say what gives the stick room beside a plate: nothing around it, or else a smaller tip."""
+        sampling = self._sampling
+        if thickness > sampling.least_thickness_with(0.0):
+            if sampling.scene.support_name == "table":
+                return "A board under it that is as large as the plate helps, or the edge of the table."
+            return "A board that is as large as the plate helps."
+        tip, radius = sampling.largest_tip, sampling.workcell.pushing_hand.tip_radius
+        if tip <= 0.0:
+            return "No stick has room beside so thin a plate."
+        return (
+            f"With nothing around the plate a tip of at most {_tenths_below(1e3 * tip):g} mm radius would have room; that "
+            f"of the cell's stick is {1e3 * radius:.3g} mm."
+        )
 
     def _at_goal(self) -> Impasse:
         """No two hands can hold the plate at the goal."""

@@ -14,7 +14,7 @@ from planners.geometry.pose import Array
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
 from planners.manipulation.graph.manipulation_graph import HandHold
 from planners.manipulation.holds.grips import CupFootprint, Jaw, PlateGrip, generate_grips, given_grips
-from planners.manipulation.holds.pushes import PlatePush, generate_pushes, given_pushes, least_thickness
+from planners.manipulation.holds.pushes import PlatePush, generate_pushes, given_pushes, largest_tip, least_thickness
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.reach.hand_reach import ALL_POSTURES
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
@@ -98,10 +98,19 @@ class LiftSampling:
     @property
     def least_thickness(self) -> float:
         """Up to which the stick finds no room beside the plate where it lies [m]; 0 where pushes are given."""
+        return self.least_thickness_with(self.scene.surface_beyond)
+
+    def least_thickness_with(self, beyond: float) -> float:
+        """Return the same for a plate that lies on what reaches so far beyond it [m]."""
         if self.scene.given_pushes is not None:
             return 0.0
         radius, margin = self.workcell.pushing_hand.tip_radius, self.workcell.settings.margin
-        return least_thickness(radius, margin, self.settings.pushes, self.scene.surface_beyond)
+        return least_thickness(radius, margin, self.settings.pushes, beyond)
+
+    @property
+    def largest_tip(self) -> float:
+        """Radius of the largest tip that has room beside the plate, on a board as large as it or at an edge [m]."""
+        return largest_tip(self.prism.height, self.workcell.settings.margin, self.settings.pushes, 0.0)
 
     def figures(self) -> dict[str, int]:
         """Return how many of everything there are, for the plan."""

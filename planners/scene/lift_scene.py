@@ -94,8 +94,8 @@ class PlateLiftScene:
 
     @property
     def surface_beyond(self) -> float:
-        """How far what the plate lies on reaches beyond it, at the side where that is least [m]; inf on the table."""
-        top = None
+        """How far what the plate lies on reaches beyond it, at the side where that is least [m]."""
+        top = box_top(self.cell.boxes[0])
         if self.support is not None and self.support_name == "support":
             top = upper_surface("support", self.support.solid, self.support.T_world_body)
         if top is None:

@@ -11,7 +11,14 @@ from scipy.spatial import ConvexHull
 from planners.errors import LiftwrightError
 from planners.geometry.polygon import rectangle
 from planners.geometry.polyhedron import ConvexPrism
-from planners.manipulation.holds.pushes import PlatePush, PushSampling, generate_pushes, given_pushes, least_thickness
+from planners.manipulation.holds.pushes import (
+    PlatePush,
+    PushSampling,
+    generate_pushes,
+    given_pushes,
+    largest_tip,
+    least_thickness,
+)
 from planners.scene.lift_placements import GivenPush
 from tests.support.polyhedra import face_normal
 
@@ -175,3 +182,13 @@ def test_a_plate_is_pushed_at_its_sides_if_it_is_thicker_than_the_least(margin: 
         centres = np.array([push.T_plate_tcp[0, :3, 3] for push in at_sides])
         distances = np.linalg.norm(np.maximum(np.abs(centres - middle) - half, 0.0), axis=1)
         assert (distances.min() >= TIP + margin) == has_room
+
+
+@pytest.mark.parametrize("beyond", [0.0, 0.004, 0.02, 0.5])
+def test_the_largest_tip_that_has_room_is_the_one_for_which_a_plate_is_just_thick_enough(beyond: float) -> None:
+    sampling = PushSampling()
+    for thickness in (0.0065, 0.008, 0.012, 0.03):
+        tip = largest_tip(thickness, 0.003, sampling, beyond)
+        assert tip > 0.0
+        assert least_thickness(tip, 0.003, sampling, beyond) == pytest.approx(thickness, rel=1e-12)
+    assert largest_tip(0.005, 0.003, sampling, beyond) < 0.0, "the margins alone are more"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,15 @@ def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres(beyond: float 
     assert plan.outcome == "not_found"
     assert (cause.needed, cause.available, cause.unit) == (pytest.approx(0.016), pytest.approx(0.012), "m")
     assert "16 mm" in plan.explanation.summary
-    assert ("board" in plan.explanation.summary) == (beyond is None)
+    assert "board under it" in plan.explanation.summary or beyond is not None
+    assert "board that is as large" in plan.explanation.summary or beyond is None
+
+
+def test_a_plate_too_thin_for_any_board_is_told_which_tip_would_have_room() -> None:
+    told = solve(thin_plate(0.010, beyond=0.0)).explanation.summary
+    assert "helps" not in told
+    # A tip of r beside a side of 10 mm, 3 mm below its top, 3 mm off the board's edge: (r + 3)² = r² + 7².
+    assert f"at most {math.floor(10 * (7.0**2 - 3.0**2) / 6.0) / 10:g} mm" in told
 
 
 def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_than_itself() -> None:

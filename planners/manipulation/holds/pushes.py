@@ -121,6 +121,18 @@ def least_thickness(tip_radius: float, margin: float, sampling: PushSampling, be
     return math.sqrt(max(0.0, (tip_radius + margin) ** 2 - aside**2)) + sampling.top_margin
 
 
+def largest_tip(thickness: float, margin: float, sampling: PushSampling, beyond: float = math.inf) -> float:
+    """Return the radius [m] up to which a tip has room at the sides of a plate; none has if it is not positive.
+
+    The inverse of `least_thickness`, with its arguments but for the tip's radius, in place of which is the plate's
+    thickness [m].
+    """
+    room = thickness - sampling.top_margin
+    if room - margin <= beyond:
+        return room - margin
+    return (room**2 + beyond**2 - margin**2) / (2.0 * (margin + beyond))
+
+
 def given_pushes(given: Sequence[GivenPush], tip_radius: float, rolls: int) -> tuple[PlatePush, ...]:
     """Make pushes of those that a task gives, at `rolls` turns of the hand about the stick."""
     contacts = ((push.point, push.normal, push.axis) for push in given)
