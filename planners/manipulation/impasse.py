@@ -123,10 +123,8 @@ class _Stages:
         tip, radius = sampling.largest_tip, sampling.workcell.pushing_hand.tip_radius
         if tip <= 0.0:
             return "No stick has room beside so thin a plate."
-        return (
-            f"With nothing around the plate a tip of at most {_tenths_below(1e3 * tip):g} mm radius would have room; that "
-            f"of the cell's stick is {1e3 * radius:.3g} mm."
-        )
+        room = f"a tip of at most {_tenths_below(1e3 * tip):g} mm radius would have room"
+        return f"With nothing around the plate {room}; that of the cell's stick is {1e3 * radius:.3g} mm."
 
     def _at_goal(self) -> Impasse:
         """No two hands can hold the plate at the goal."""
