@@ -461,7 +461,7 @@ class JobQueue:
         columns = [counts.c[each.name] for each in kinds]
         return sa.select(*columns, sa.func.count().label("number")).group_by(*columns)
 
-    def _last_turns(self) -> sa.Select[Any]:
+    def _last_turns(self) -> sa.Select[Any, Any]:
         """Return a query of when the last job of each owner was begun, of those that were begun last."""
         begun = self._jobs.alias("begun")
         latest = (
