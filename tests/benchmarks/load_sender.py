@@ -1,19 +1,23 @@
 """Posts one task again and again, as fast as it is accepted, at little cost of its own.
 
 A client library takes as long for a request as the service does, and would measure itself on a machine of two cores.
+Run as a program it is told on standard input what to post, and tells on standard output what came of it.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
+from subprocess import PIPE
 from typing import Any
 from urllib.parse import urlsplit
+
+from tests.benchmarks.machine import ROOT
 
 ACCEPTED = 202
 
@@ -26,26 +30,22 @@ class Posted:
     seconds: float
     """From the first request to the last answer."""
     cpu: float
-    """Of this process meanwhile [s]."""
+    """Of the process that posts, meanwhile [s]."""
     waits: Sequence[float]
     """From each request to its answer [s]."""
 
 
 def post_apart(address: str, task: dict[str, Any], keys: Sequence[str], connections: int, posts: int) -> Posted:
-    """Post from a process of its own, in which nothing else takes time; as `post_all` does."""
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        return pool.submit(post_all, address, task, keys, connections, posts).result()
-
-
-def post_all(address: str, task: dict[str, Any], keys: Sequence[str], connections: int, posts: int) -> Posted:
-    """Post a task so often, over connections that are kept, each with one of the keys; none: without a key."""
-    return asyncio.run(_post_all(address, task, keys, connections, posts))
+    """Post a task so often from a process of its own, over connections that are kept, each with one of the keys."""
+    told = json.dumps([address, task, keys, connections, posts])
+    command = [sys.executable, "-m", "tests.benchmarks.load_sender"]
+    return Posted(**json.loads(subprocess.run(command, input=told.encode(), stdout=PIPE, cwd=ROOT, check=True).stdout))
 
 
 async def _post_all(address: str, task: dict[str, Any], keys: Sequence[str], connections: int, posts: int) -> Posted:
     where = urlsplit(address)
     loop, left = asyncio.get_running_loop(), iter(range(posts))
-    told = [_request(where.netloc, task, keys[n % len(keys)] if keys else None) for n in range(connections)]
+    told = [_request(where.netloc, task, keys[n % len(keys)]) for n in range(connections)]
     begun, cpu = time.perf_counter(), time.process_time()
     opened = [
         await loop.create_connection(lambda request=request: _Connection(request, left), where.hostname, where.port)
@@ -57,15 +57,15 @@ async def _post_all(address: str, task: dict[str, Any], keys: Sequence[str], con
     return Posted(accepted, seconds, cpu, [wait for _, waits in done for wait in waits])
 
 
-def _request(host: str, task: dict[str, Any], key: str | None) -> bytes:
+def _request(host: str, task: dict[str, Any], key: str) -> bytes:
     body = json.dumps(task).encode()
     head = [
-        f"POST /v1/plans HTTP/1.1\r\nHost: {host}",
+        "POST /v1/plans HTTP/1.1",
+        f"Host: {host}",
+        f"Authorization: Bearer {key}",
         "Content-Type: application/json",
         f"Content-Length: {len(body)}",
     ]
-    if key is not None:
-        head.append(f"Authorization: Bearer {key}")
     return "\r\n".join([*head, "", ""]).encode() + body
 
 
@@ -109,3 +109,7 @@ def _length(head: bytearray) -> int:
     """Return how many bytes the body of an answer has."""
     _, _, rest = head.lower().partition(b"content-length:")
     return int(rest.partition(b"\r\n")[0])
+
+
+if __name__ == "__main__":
+    sys.stdout.write(json.dumps(vars(asyncio.run(_post_all(*json.loads(sys.stdin.read()))))))
