@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import structlog
@@ -70,6 +71,7 @@ class Authenticator:
         self._limiter = limiter
         self._failures = RateLimiter(FAILURES_PER_SECOND, FAILURE_BURST)
         self._trusted: dict[bytes, tuple[KeyRecord, float]] = {}
+        self._asked: dict[bytes, asyncio.Future[KeyRecord | None]] = {}
         self._next_note = 0.0
 
     @property
@@ -105,13 +107,23 @@ class Authenticator:
         trusted = self._trusted.get(name)
         if trusted is not None and time.monotonic() < trusted[1]:
             return trusted[0]
-        look_up = self._by_key if credentials.key else self._by_session
-        record = await run_in_threadpool(look_up, secret)
+        record = await self._looked_up(name, self._by_key if credentials.key else self._by_session, secret)
         if record is not None:
             if len(self._trusted) >= MOST_TRUSTED:
                 self._trusted.clear()
             self._trusted[name] = (record, time.monotonic() + TRUSTED_SECONDS)
         return record
+
+    async def _looked_up(
+        self, name: bytes, look_up: Callable[[str], KeyRecord | None], secret: str
+    ) -> KeyRecord | None:
+        """Return what the database knows of a secret; those that show it at the same time look once."""
+        asked = self._asked.get(name)
+        if asked is None:
+            asked = self._asked[name] = asyncio.ensure_future(run_in_threadpool(look_up, secret))
+            asked.add_done_callback(lambda _: self._asked.pop(name))
+        # One that gives up does not end it for the others.
+        return await asyncio.shield(asked)
 
     def _by_key(self, secret: str) -> KeyRecord | None:
         record = self.keys.holder(secret)

@@ -90,7 +90,7 @@ def _object_line(part: ObjectPart) -> str:
 def _perceive(scan: ScanFiles) -> tuple[SceneDocument, bytes, str]:
     described = read_scan(parse_json(scan.description, DESCRIPTION_FILE))
     if described.cell not in known_cells():
-        raise SceneError("/cell", f"there is no cell {described.cell}", known_cells())
+        raise SceneError("/cell", f"there is no cell {described.cell}", list(known_cells()))
     found = perceive(described, scan.files, load_cell(described.cell))
     return found.document, found.preview, ""
 

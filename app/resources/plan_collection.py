@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from app.access.audit_log import audit_row
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import (
+    ANSWERED,
     AlreadyFinished,
     DocumentNotReady,
     KeyUsedForAnotherTask,
@@ -72,8 +73,8 @@ class PlanCollection:
 
         Args:
             read: returns the task as JSON data, as it came. Called in a thread, as is the next one.
-            accepted: returns that task with defaults filled in, or raises what is wrong with it; not asked about one
-                that came before, which may name what is gone since.
+            accepted: returns that task with defaults filled in, or raises what is wrong with it; that does not count
+                of one that came before, which may name what is gone since.
             idempotency_key: of the caller, if it has one.
             order: what it says about the job.
             address: from which the request came, for the audit log.
@@ -90,14 +91,17 @@ class PlanCollection:
 
         def prepare() -> tuple[Any, Submission | PlanRecord]:
             sent, owner = read(), self._caller.owner
-            known = self.store.by_key(idempotency_key, owner)
-            if known is not None:
+            try:
+                task = write_task(accepted(sent))
+            except ANSWERED:
+                known = self.store.by_key(idempotency_key, owner)
+                if known is None:
+                    raise
                 return sent, known
 
             def audit(plan_id: str) -> AuditRow:
                 return audit_row(self._caller, address, "POST", plan_address(plan_id), 202)
 
-            task = write_task(accepted(sent))
             return sent, Submission.of(task, owner, order, idempotency_key, fingerprint(sent), audit)
 
         sent, prepared = await run_in_threadpool(prepare)

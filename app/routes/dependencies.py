@@ -64,7 +64,8 @@ def _authenticator(connection: HTTPConnection) -> Authenticator:
     return connection.app.state.authenticator
 
 
-def _feed(connection: HTTPConnection) -> PlanFeed:
+def feed_of(connection: HTTPConnection) -> PlanFeed:
+    """Return what tells of the progress of plans."""
     return connection.app.state.feed
 
 
@@ -72,7 +73,8 @@ def _study_feed(connection: HTTPConnection) -> PlanFeed:
     return connection.app.state.study_feed
 
 
-def _settings(connection: HTTPConnection) -> ServiceSettings:
+def settings_of(connection: HTTPConnection) -> ServiceSettings:
+    """Return the settings of the service."""
     return connection.app.state.settings
 
 
@@ -93,6 +95,6 @@ Studies = Annotated[StudyCollection, Depends(_at_once(studies_of))]
 Webhooks = Annotated[WebhookCollection, Depends(_at_once(webhooks_of))]
 Intake = Annotated[Callable[[Any], AcceptedTask], Depends(_at_once(intake_of))]
 Authentication = Annotated[Authenticator, Depends(_at_once(_authenticator))]
-Feed = Annotated[PlanFeed, Depends(_at_once(_feed))]
+Feed = Annotated[PlanFeed, Depends(_at_once(feed_of))]
 StudyFeed = Annotated[PlanFeed, Depends(_at_once(_study_feed))]
-Settings = Annotated[ServiceSettings, Depends(_at_once(_settings))]
+Settings = Annotated[ServiceSettings, Depends(_at_once(settings_of))]

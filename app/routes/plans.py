@@ -5,11 +5,13 @@ from __future__ import annotations
 import gzip
 import hashlib
 import re
+from collections.abc import Callable, Coroutine
 from functools import cache, partial
 from typing import Annotated, Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 
@@ -26,7 +28,17 @@ from app.resources.schemas import (
     warnings_of,
 )
 from app.routes.cells import CellGate
-from app.routes.dependencies import Cells, Feed, Plans, Settings, intake_of, webhooks_of
+from app.routes.dependencies import (
+    Cells,
+    Feed,
+    Plans,
+    Settings,
+    feed_of,
+    intake_of,
+    plans_of,
+    settings_of,
+    webhooks_of,
+)
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
 from planners.contract.strict_json import parse_json
@@ -34,6 +46,7 @@ from planners.contract.task_spec import TaskSpec
 from planners.program import NotExportable, ProgramTarget, write_program
 from planners.program.urscript import Handshake
 from workers.stores.jobs import JobOrder
+from workers.stores.plan_store import NO_ORDER
 
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such plan"}}
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "As `If-None-Match` says"}}
@@ -49,27 +62,6 @@ async def _order(query: Annotated[JobOrderQuery, Query()]) -> JobOrder:
 Order = Annotated[JobOrder, Depends(_order)]
 
 
-@router.post(
-    "",
-    status_code=202,
-    response_model=PostedPlan,
-    summary="Post a task",
-    openapi_extra={
-        "requestBody": {
-            "required": True,
-            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/TaskSpec"}}},
-        }
-    },
-    responses={
-        200: {"model": PostedPlan, "description": "`Prefer: wait` was given and the job has ended"},
-        202: {"description": "Accepted; `Location` is the plan's address"},
-        400: {**PROBLEM, "description": "Not JSON, or a header that cannot be followed"},
-        413: {**PROBLEM, "description": "Too large"},
-        415: {**PROBLEM, "description": "Not declared as JSON"},
-        422: {**PROBLEM, "description": "A task that cannot be planned: every reason with its JSON pointer"},
-        429: {**PROBLEM, "description": "Too many unfinished jobs, or too many of yours that wait for their start"},
-    },
-)
 async def post_plan(
     request: Request,
     plans: Plans,
@@ -104,6 +96,52 @@ async def post_plan(
             answer = PostedPlan(**plan.model_dump(), warnings=warnings)
             return plan_response(answer, 200, {**headers, "Preference-Applied": f"wait={wait}"})
     return plan_response(PostedPlan(**plan.model_dump(), warnings=warnings), 202, headers)
+
+
+class PostRoute(APIRoute):
+    """The way to `post_plan`.
+
+    The framework finds out for each request what an endpoint depends on, which takes longer than to check a task. Where
+    there is no query, that is known.
+    """
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return what answers a request."""
+        answer_any = super().get_route_handler()
+
+        async def answer(request: Request) -> Response:
+            if request.scope["query_string"]:
+                return await answer_any(request)
+            headers, found = request.headers, (plans_of(request), feed_of(request), settings_of(request))
+            return await post_plan(request, *found, NO_ORDER, headers.get("idempotency-key"), headers.get("prefer"))
+
+        return answer
+
+
+router.add_api_route(
+    "",
+    post_plan,
+    methods=["POST"],
+    route_class_override=PostRoute,
+    status_code=202,
+    response_model=PostedPlan,
+    summary="Post a task",
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/TaskSpec"}}},
+        }
+    },
+    responses={
+        200: {"model": PostedPlan, "description": "`Prefer: wait` was given and the job has ended"},
+        202: {"description": "Accepted; `Location` is the plan's address"},
+        400: {**PROBLEM, "description": "Not JSON, or a header that cannot be followed"},
+        413: {**PROBLEM, "description": "Too large"},
+        415: {**PROBLEM, "description": "Not declared as JSON"},
+        422: {**PROBLEM, "description": "A task that cannot be planned: every reason with its JSON pointer"},
+        429: {**PROBLEM, "description": "Too many unfinished jobs, or too many of yours that wait for their start"},
+    },
+)
 
 
 @router.get("", response_model=PlanList, summary="List plans, newest first", responses=BAD_TOKEN)

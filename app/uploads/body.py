@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from typing import Protocol
 
-import anyio
 from starlette.requests import ClientDisconnect, Request
 
 from app.errors import BodyStalled, BodyTooLarge, EncodedBody, NotJsonMedia
@@ -78,11 +78,11 @@ async def read_limited(request: Request, limit: int, patience: Patience) -> byte
 async def _patient(request: Request, patience: Patience) -> AsyncIterator[bytes]:
     """Yield a body as it comes, as long as it comes."""
     stream = aiter(request.stream())
-    deadline = anyio.current_time() + patience.body_seconds
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + patience.body_seconds
     while True:
-        rest = deadline - anyio.current_time()
         try:
-            with anyio.fail_after(min(patience.body_stall_seconds, rest)):
+            async with asyncio.timeout_at(min(loop.time() + patience.body_stall_seconds, deadline)):
                 chunk = await anext(stream)
         except StopAsyncIteration:
             return

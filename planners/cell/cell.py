@@ -237,14 +237,15 @@ class Cell:
         )
 
 
-def known_cells() -> list[str]:
-    """List the names of the cells that are shipped."""
-    return shipped_shelf().names("cells")
+@cache
+def known_cells() -> tuple[str, ...]:
+    """Return the names of the cells that are shipped: that does not change while a process runs."""
+    return tuple(shipped_shelf().names("cells"))
 
 
 @cache
 def load_cell(name: str) -> Cell:
-    """Load a shipped cell. It is read once: what is shipped does not change while a process runs.
+    """Load a shipped cell, once, as `known_cells` looks once.
 
     Raises:
         AssetError: There is none of this name, or one of its files is wrong; the message names file and field.

@@ -20,7 +20,7 @@ import psycopg
 from tests.benchmarks.machine import ROOT
 from tests.benchmarks.tasks import Note, task_body
 from tests.support.postgres import PostgresServer, running_postgres
-from tests.support.service import wait_for
+from tests.support.service import cpu_seconds, wait_for
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
@@ -203,9 +203,7 @@ class _Watch:
     """Counts what the server does."""
 
     def __init__(self, server: PostgresServer, pids: list[int]) -> None:
-        assert server.process is not None
         self._server, self._pids = server, pids
-        self._postmaster = psutil.Process(server.process.pid)
         _asked(server, "CREATE EXTENSION IF NOT EXISTS pg_stat_statements")
 
     @contextmanager
@@ -214,10 +212,10 @@ class _Watch:
         spell = Spell()
         _asked(self._server, "SELECT pg_stat_statements_reset()")
         psutil.cpu_times_percent()
-        server, fleet, begun = self._server_cpu(), self._fleet_cpu(), time.monotonic()
+        server, fleet, begun = self._server.cpu_seconds(), self._fleet_cpu(), time.monotonic()
         yield spell
         spell.seconds = time.monotonic() - begun
-        spell.server_cpu, spell.fleet_cpu = self._server_cpu() - server, self._fleet_cpu() - fleet
+        spell.server_cpu, spell.fleet_cpu = self._server.cpu_seconds() - server, self._fleet_cpu() - fleet
         spell.machine_idle = 0.01 * psutil.cpu_times_percent().idle
         for text, calls in _asked(self._server, "SELECT query, calls FROM pg_stat_statements"):
             if "pg_stat_statements" not in text:
@@ -226,20 +224,8 @@ class _Watch:
         query = "SELECT count(*) FROM pg_stat_activity WHERE backend_type = 'client backend'"
         spell.connections = _asked(self._server, query)[0][0] - 1
 
-    def _server_cpu(self) -> float:
-        # Those that have ended are in the postmaster's account.
-        own = self._postmaster.cpu_times()
-        return sum(_cpu(each) for each in self._postmaster.children()) + sum(own[:4])
-
     def _fleet_cpu(self) -> float:
-        return sum(_cpu(psutil.Process(pid)) for pid in self._pids)
-
-
-def _cpu(process: psutil.Process) -> float:
-    try:
-        return sum(process.cpu_times()[:2])
-    except psutil.NoSuchProcess:
-        return 0.0
+        return sum(cpu_seconds(psutil.Process(pid)) for pid in self._pids)
 
 
 def _asked(server: PostgresServer, query: str) -> list[tuple[Any, ...]]:

@@ -3,32 +3,49 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
+import psutil
 import sqlalchemy as sa
 
+from tests.benchmarks.load_sender import post_apart
+from tests.benchmarks.scale_fleet import ScaleFleet, running_fleet
 from tests.benchmarks.tasks import Note, task_body
-from tests.support.service import ServiceProcess, finished, running_service, wait_for
-from workers.settings import WorkerSettings
+from tests.support.service import FAKE_SOLVER, ServiceProcess, cpu_seconds, finished, wait_for
+from workers.settings import SOLVER_COMMAND, WorkerSettings
 from workers.stores.database import open_database
+from workers.stores.jobs import CANCELLED, QUEUED, workflow_table
 from workers.stores.tables import PLANS
 
 ROWS_A_TIME = 500
+OWNERS = tuple(f"owner {n}" for n in range(8))
+"""Whose keys post in turns: of one key no more than 100 requests a second are answered."""
+READER = OWNERS[0]
+"""Whose plans are stored, and looked at."""
+API_PROCESSES = {"SQLite": 1, "PostgreSQL": 2}
+WARM_UP = 200
+"""Posts before it is measured."""
+DATABASE, SENDER = "PostgreSQL", "the sender of requests"
+"""Processes, beside the API, whose time is told."""
 
 
 @dataclass(frozen=True)
 class LoadEffort:
     """How much is asked."""
 
-    submissions: int = 1000
-    senders: int = 8
+    places: tuple[str, ...] = tuple(API_PROCESSES)
+    submissions: int = 3000
+    senders: int = 32
+    """Connections that post at once."""
     reads: int = 2000
     stored: int = 10_000
     watchers: int = 200
@@ -37,10 +54,32 @@ class LoadEffort:
 
 
 @dataclass(frozen=True)
+class PostingFigures:
+    """How tasks were accepted that many posted at once."""
+
+    per_second: float
+    median: float
+    """From a request to its answer [ms]."""
+    p99: float
+    cpu: dict[str, float]
+    """Processor time of an accepted task, by process [ms]."""
+    idle: float
+    """Share of the machine's cores that nobody wanted meanwhile [1]."""
+
+    @property
+    def service_cpu(self) -> float:
+        """Of all that belongs to the service [ms]."""
+        return sum(milliseconds for process, milliseconds in self.cpu.items() if process != SENDER)
+
+
+@dataclass(frozen=True)
 class LoadFigures:
     """Milliseconds unless it says otherwise."""
 
-    submissions_per_second: float
+    posting: PostingFigures
+    """While both cores plan."""
+    posting_alone: PostingFigures
+    """While jobs wait, and nobody plans."""
     read_p50: float
     read_p99: float
     read_max: float
@@ -58,39 +97,94 @@ class LoadFigures:
     """From the end of a job to the last watcher knowing it [s]."""
 
 
-def measure(effort: LoadEffort, solver: Sequence[str], folder: Path, note: Note) -> LoadFigures:
-    """Run a service, keep its solvers busy, and ask."""
-    settings = {"worker_slots": 2, "max_queued": 1_000_000, "requests_per_second": 1e6, "request_burst": 1_000_000}
-    with running_service(folder, tuple(solver), **settings) as service, service.client() as client:
-        note(f"load: storing {effort.stored} plans")
-        _store(folder, effort.stored)
-        with _busy(client, effort.busy_jobs):
-            note(f"load: {effort.submissions} submissions")
-            rate = asyncio.run(_submit(service.address, effort))
-            _cancel_the_rest(client)
-        with _busy(client, effort.busy_jobs) as plans:
-            note(f"load: {effort.reads} reads")
-            reads = 1e3 * np.array(asyncio.run(_read(service.address, plans, effort)))
-            note("load: pages")
+def measure(effort: LoadEffort, place: str, note: Note) -> LoadFigures:
+    """Run a service on a database, keep its solvers busy, and ask; then another one whose solvers only wait."""
+    with _running(place, SOLVER_COMMAND) as fleet, fleet.client(READER) as client:
+        note(f"load on {place}: storing {effort.stored} plans")
+        _store(fleet.settings, effort.stored)
+        busy_task = task_body("ab1", contact_density=2.0, hold_density=2.0)
+        with _busy(client, busy_task, effort.busy_jobs):
+            note(f"load on {place}: {effort.submissions} submissions while both cores plan")
+            posting = _post(fleet, effort)
+            _cancel_waiting(fleet.settings)
+        with _busy(client, busy_task, effort.busy_jobs) as plans:
+            note(f"load on {place}: {effort.reads} reads")
+            reads = 1e3 * np.array(asyncio.run(_read(client, plans, effort)))
+            note(f"load on {place}: pages and searches")
             pages = 1e3 * np.array(list(_page(client)))
-            note("load: searches")
             search = 1e3 * _search(client, [f"{n:032x}" for n in range(0, effort.stored, effort.stored // 100)])
             vain_search = 1e3 * _search_in_vain(client)
-        note(f"load: {effort.watchers} watchers")
-        watchers, lag = _watch(service, client, effort)
+        note(f"load on {place}: {effort.watchers} watchers")
+        watchers, lag = _watch(client, effort)
+    with _running(place, FAKE_SOLVER) as fleet, fleet.client(READER) as client:
+        _store(fleet.settings, effort.stored)
+        with _busy(client, {**task_body("ab1"), "external_id": "hang"}, effort.busy_jobs):
+            note(f"load on {place}: {effort.submissions} submissions while nobody plans")
+            posting_alone = _post(fleet, effort)
+            _cancel_waiting(fleet.settings)
     return LoadFigures(
-        rate, float(np.percentile(reads, 50)), float(np.percentile(reads, 99)), float(reads.max()),
+        posting, posting_alone,
+        float(np.percentile(reads, 50)), float(np.percentile(reads, 99)), float(reads.max()),
         float(pages[0]), float(np.median(pages[-5:])), len(pages), search, vain_search,
         watchers, lag,
     )  # fmt: skip
 
 
-def _store(folder: Path, number: int) -> None:
+@contextmanager
+def _running(place: str, solver: tuple[str, ...]) -> Iterator[ScaleFleet]:
+    """Run a service until the block ends, of which every process answers."""
+    processes = API_PROCESSES[place]
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        running_fleet(
+            Path(folder), solver, postgres=place != "SQLite", owners=OWNERS, api_processes=processes
+        ) as fleet,
+    ):
+        wait_for(lambda: _answering(fleet.api) == processes)
+        yield fleet
+
+
+def _answering(api: ServiceProcess) -> int:
+    """Return how many processes take some of many connections."""
+    with ExitStack() as stack:
+        for _ in range(16):
+            stack.enter_context(socket.create_connection(("127.0.0.1", api.port)))
+        time.sleep(0.5)
+        return sum(
+            any(each.status == psutil.CONN_ESTABLISHED and each.laddr.port == api.port for each in taken)
+            for taken in (process.net_connections("tcp") for process in api.answering())
+        )
+
+
+def _post(fleet: ScaleFleet, effort: LoadEffort) -> PostingFigures:
+    """Post tasks from several connections at once, which take turns with the keys of several owners."""
+    task, keys = task_body("pb1_weak_cup"), tuple(fleet.keys.values())
+    post_apart(fleet.api.address, task, keys, effort.senders, WARM_UP)
+    psutil.cpu_times_percent()
+    before = _cpu_seconds(fleet)
+    posted = post_apart(fleet.api.address, task, keys, effort.senders, effort.submissions)
+    taken = {name: seconds - before[name] for name, seconds in _cpu_seconds(fleet).items()} | {SENDER: posted.cpu}
+    idle = 0.01 * psutil.cpu_times_percent().idle
+    cpu = {name: 1e3 * seconds / posted.accepted for name, seconds in taken.items()}
+    waits = 1e3 * np.array(posted.waits)
+    rate = posted.accepted / posted.seconds
+    return PostingFigures(rate, float(np.median(waits)), float(np.percentile(waits, 99)), cpu, idle)
+
+
+def _cpu_seconds(fleet: ScaleFleet) -> dict[str, float]:
+    """Return the processor time that the parts of a service have taken [s]; on SQLite the API works on jobs as well."""
+    taken = {"API": sum(cpu_seconds(process) for process in fleet.api.answering())}
+    if fleet.server is not None:
+        taken[DATABASE] = fleet.server.cpu_seconds()
+    return taken
+
+
+def _store(settings: WorkerSettings, number: int) -> None:
     """Copy one accepted and finished plan, with its job, as often as asked."""
-    database = open_database(WorkerSettings(data_dir=folder))
-    try:
+    with closing(open_database(settings)) as database:
         with database.engine.begin() as transaction:
-            jobs = sa.Table("workflow_status", sa.MetaData(), autoload_with=database.engine)
+            schema = workflow_table(database.engine.dialect.name).schema
+            jobs = sa.Table("workflow_status", sa.MetaData(), autoload_with=database.engine, schema=schema)
             plan = _template()
             job = {"status": "SUCCESS", "name": "plan", "priority": 0, "was_forked_from": False, "rate_limited": False,
                    "is_debounced": False, "application_name": "liftwright", "queue_name": "plans"}  # fmt: skip
@@ -109,24 +203,24 @@ def _store(folder: Path, number: int) -> None:
                     for each, time_us in zip(ids, at, strict=True)
                 ]
                 transaction.execute(sa.insert(jobs), rows)
-    finally:
-        database.close()
+        # As a database that has lived for a while has done by itself.
+        with database.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            connection.execute(sa.text("ANALYZE"))
 
 
 def _template() -> dict[str, Any]:
     now = time.time_ns() // 1000
     columns = {column.name: None for column in PLANS.columns}
     return {
-        **columns, "created_us": now, "kind": "plate_lift", "fingerprint": "0" * 64, "task": "{}", "attempts": 1,
-        "crashes": 0, "fraction": 1.0, "started_us": now,
+        **columns, "created_us": now, "kind": "plate_lift", "owner": READER, "fingerprint": "0" * 64, "task": "{}",
+        "attempts": 1, "crashes": 0, "fraction": 1.0, "started_us": now,
     }  # fmt: skip
 
 
 @contextmanager
-def _busy(client: httpx.Client, jobs: int) -> Iterator[list[dict[str, Any]]]:
-    """Have jobs plan until the block ends."""
-    body = task_body("ab1", contact_density=2.0, hold_density=2.0)
-    plans = [client.post("/v1/plans", json=body).json() for _ in range(jobs)]
+def _busy(client: httpx.Client, task: dict[str, Any], jobs: int) -> Iterator[list[dict[str, Any]]]:
+    """Have jobs run until the block ends."""
+    plans = [client.post("/v1/plans", json=task).json() for _ in range(jobs)]
     wait_for(lambda: all(client.get(each["links"]["self"]).json()["state"] == "running" for each in plans), 120.0)
     try:
         yield plans
@@ -135,30 +229,13 @@ def _busy(client: httpx.Client, jobs: int) -> Iterator[list[dict[str, Any]]]:
             client.post(plan["links"]["cancel"])
 
 
-async def _submit(address: str, effort: LoadEffort) -> float:
-    """Post tasks from several connections at once; return how many were accepted a second."""
-    body = task_body("pb1_weak_cup")
-    left = iter(range(effort.submissions))
-
-    async def send(client: httpx.AsyncClient) -> int:
-        accepted = 0
-        for _ in left:
-            accepted += (await client.post("/v1/plans", json=body)).status_code == 202
-        return accepted
-
-    begun = time.perf_counter()
-    async with httpx.AsyncClient(base_url=address, timeout=120.0) as client:
-        accepted = sum(await asyncio.gather(*(send(client) for _ in range(effort.senders))))
-    return accepted / (time.perf_counter() - begun)
-
-
-async def _read(address: str, plans: Sequence[dict[str, Any]], effort: LoadEffort) -> list[float]:
+async def _read(client: httpx.Client, plans: Sequence[dict[str, Any]], effort: LoadEffort) -> list[float]:
     """Read plans one after the other, as a person's browser does, and return how long each answer took [s]."""
     seconds = []
-    async with httpx.AsyncClient(base_url=address, timeout=120.0) as client:
+    async with _as_asynchronous(client) as reader:
         for n in range(effort.reads):
             begun = time.perf_counter()
-            (await client.get(plans[n % len(plans)]["links"]["self"])).raise_for_status()
+            (await reader.get(plans[n % len(plans)]["links"]["self"])).raise_for_status()
             seconds.append(time.perf_counter() - begun)
             await asyncio.sleep(0.002)
     return seconds
@@ -193,32 +270,36 @@ def _searched(client: httpx.Client, expected: int, **query: str) -> float:
     return time.perf_counter() - begun
 
 
-def _watch(service: ServiceProcess, client: httpx.Client, effort: LoadEffort) -> tuple[int, float]:
+def _watch(client: httpx.Client, effort: LoadEffort) -> tuple[int, float]:
     """Have many follow one job to its end."""
     plan = client.post("/v1/plans", json=task_body("ab1", simulate=False)).json()
-    ends = asyncio.run(_follow(service.address, plan["links"]["events"], effort.watchers))
+    ends = asyncio.run(_follow(client, plan["links"]["events"], effort.watchers))
     finished(client, plan, 600.0)
     return len(ends), max(ends) - min(ends)
 
 
-async def _follow(address: str, path: str, watchers: int) -> list[float]:
+async def _follow(client: httpx.Client, path: str, watchers: int) -> list[float]:
     limits = httpx.Limits(max_connections=watchers, max_keepalive_connections=0)
 
-    async def follow(client: httpx.AsyncClient) -> float | None:
-        async with client.stream("GET", path) as stream:
+    async def follow(watcher: httpx.AsyncClient) -> float | None:
+        async with watcher.stream("GET", path) as stream:
             async for line in stream.aiter_lines():
                 if line == "event: finished":
                     return time.monotonic()
         return None
 
-    async with httpx.AsyncClient(base_url=address, timeout=600.0, limits=limits) as client:
-        ends = await asyncio.gather(*(follow(client) for _ in range(watchers)))
+    async with _as_asynchronous(client, timeout=600.0, limits=limits) as watcher:
+        ends = await asyncio.gather(*(follow(watcher) for _ in range(watchers)))
     return [end for end in ends if end is not None]
 
 
-def _cancel_the_rest(client: httpx.Client) -> None:
-    """Have nothing wait or run."""
-    for state in ("queued", "running"):
-        while plans := client.get("/v1/plans", params={"page_size": 200, "state": state}).json()["plans"]:
-            for plan in plans:
-                client.post(plan["links"]["cancel"])
+def _as_asynchronous(client: httpx.Client, timeout: float = 120.0, **settings: Any) -> httpx.AsyncClient:
+    """Return a client with the same key."""
+    return httpx.AsyncClient(base_url=client.base_url, headers=client.headers, timeout=timeout, **settings)
+
+
+def _cancel_waiting(settings: WorkerSettings) -> None:
+    """Have nothing wait, at once: by requests it would take longer than what is measured."""
+    with closing(open_database(settings)) as database:
+        jobs = workflow_table(database.engine.dialect.name)
+        database.write(sa.update(jobs).where(jobs.c.status.in_(QUEUED)).values(status=CANCELLED))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -41,6 +42,28 @@ def test_an_order_is_handed_back_and_its_plans_are_found_by_the_recipe(client: h
 def test_without_an_order_a_job_is_begun_at_once_and_may_take_as_long_as_it_does(client: httpx.Client) -> None:
     plan = finished(client, post(client, "now"))
     assert (plan["work_master"], plan["priority"], plan["start_time"], plan["end_time"]) == (None, 0, None, None)
+
+
+@pytest.mark.parametrize(
+    ("headers", "body", "status"),
+    [
+        ({"Prefer": "wait=30", "Content-Type": "application/json"}, json.dumps(task(external_id="now")), 200),
+        ({"Idempotency-Key": "", "Content-Type": "application/json"}, json.dumps(task()), 400),
+        ({"Content-Type": "text/plain"}, json.dumps(task()), 415),
+        ({"Content-Type": "application/json"}, "{", 400),
+        ({"Content-Type": "application/json"}, json.dumps(task(cell="none")), 422),
+    ],
+)
+def test_a_task_with_an_order_that_says_nothing_is_answered_as_one_without(
+    client: httpx.Client, headers: dict[str, str], body: str, status: int
+) -> None:
+    plain, ordered = (
+        client.post("/v1/plans", content=body, headers=headers, params=order) for order in ({}, {"priority": 0})
+    )
+    assert plain.status_code == ordered.status_code == status
+    assert plain.headers.keys() == ordered.headers.keys()
+    assert plain.json().keys() == ordered.json().keys()
+    assert status == 200 or plain.json() == ordered.json()
 
 
 def test_a_job_is_not_begun_before_its_time_and_then_without_being_asked(client: httpx.Client) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import nullcontext
 from pathlib import Path
 
+import psycopg
 import pytest
 import sqlalchemy as sa
 from sqlalchemy import exc
@@ -58,6 +60,24 @@ def test_a_server_that_takes_no_writes_counts_as_gone_and_its_connections_are_no
         server.take_writes(takes=True)
         database.require_writable()
         own.dispose()
+        database.close()
+
+
+@needs_postgres
+def test_a_connection_that_has_rested_is_asked_before_it_is_used_and_one_in_use_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with running_postgres() as server:
+        database = open_database(WorkerSettings(data_dir=tmp_path, database_url=server.url))
+        for rests_for, told in ((0.0, nullcontext()), (1e6, pytest.raises(DATABASE_GONE))):
+            monkeypatch.setattr("workers.stores.database.RESTED_SECONDS", rests_for)
+            lost = database.scalar(sa.select(sa.func.pg_backend_pid()))
+            with psycopg.connect(server.url) as other:
+                assert other.execute("SELECT pg_terminate_backend(%s, 30000)", (lost,)).fetchone() == (True,)
+            with told:
+                assert database.scalar(sa.select(sa.func.pg_backend_pid())) != lost
+            # Whoever was told may ask again.
+            assert database.scalar(sa.select(sa.func.pg_backend_pid())) != lost
         database.close()
 
 

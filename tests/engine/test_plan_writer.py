@@ -139,6 +139,30 @@ def test_what_is_answered_is_what_a_later_look_shows(either: Database) -> None:
     queue.close()
 
 
+def test_texts_that_databases_write_in_other_ways_are_stored_as_they_are(either: Database) -> None:
+    queue, store = JobQueue(either), PlanStore(either)
+    names = [
+        None,
+        "",
+        "NULL",
+        "null",
+        "{a,b}",
+        '"',
+        "\\",
+        "'",
+        ",",
+        " x ",
+        "ä\N{GRINNING FACE}\n",
+        "with \0",
+        "%s %(id)s :id",
+    ]
+    submissions = [Submission.of(task(external_id=name), None, JobOrder(work_master=name)) for name in names]
+    store.accept_all(submissions, queue)
+    assert [store.get(each.plan_id) for each in submissions] == [each.record for each in submissions]
+    assert [(store.task(each.plan_id) or {})["external_id"] for each in submissions] == names
+    queue.close()
+
+
 def test_there_is_room_for_so_many_jobs_and_no_more_also_among_those_that_come_at_once(
     database: Database, store: PlanStore, queue: JobQueue
 ) -> None:

@@ -115,6 +115,44 @@ def queue(tmp_path_factory: pytest.TempPathFactory, place: dict[str, str]) -> It
 @settings(max_examples=40, deadline=None)
 @given(steps=steps)
 def test_the_next_job_and_all_places_are_those_of_the_rule(queue: Queue, steps: list[Step]) -> None:
+    model = lived_through(queue, steps)
+    assert queue.next() == model.order()[:1]
+    places = queue.queue.places([job for *_, job in model.waiting], 1000)
+    assert sorted(places, key=places.__getitem__) == model.order()
+    assert sorted(places.values()) == list(range(1, len(model.waiting) + 1))
+    assert queue.queue.another_waits() == any(urgency <= 0 for _, urgency, *_ in model.waiting)
+    states = {each: job.state for each, job in queue.queue.jobs([job for *_, job in model.waiting]).items()}
+    assert states == {job: JobState.RUNNING if urgency > 0 else JobState.QUEUED for _, urgency, _, job in model.waiting}
+
+
+@on_both_databases
+@settings(max_examples=40, deadline=None)
+@given(
+    steps=steps,
+    long_ago=st.booleans(),
+    joining=st.lists(st.tuples(st.sampled_from(OWNERS), st.integers(0, 9), st.integers(0, 1)), max_size=6),
+)
+def test_jobs_that_join_the_queue_are_told_the_places_that_they_have_in_it(
+    queue: Queue, steps: list[Step], long_ago: bool, joining: list[tuple[str | None, int, int]]
+) -> None:
+    model = lived_through(queue, steps)
+    if long_ago:
+        queue.database.write(sa.update(queue.jobs).values(updated_at=0))
+    new = [
+        NewJob(f"new {number}", (len(steps) + 1 + later) * 1000, owner, priority)
+        for number, (owner, priority, later) in enumerate(joining)
+    ]
+    with queue.database.engine.begin() as transaction:
+        due = queue.queue.due(transaction)
+        if new:
+            queue.queue.enqueue(transaction, new)
+    assert due.places(new) == queue.queue.places([job.plan_id for job in new], 1000)
+    owners = Counter(owner for owner, *_ in (*model.waiting, *model.running))
+    assert due.of_owners() == owners
+
+
+def lived_through(queue: Queue, steps: list[Step]) -> Model:
+    """Have a queue that was empty go through what happens, the model beside it."""
     queue.clear()
     model = Model()
     for now, (deed, owner, priority) in enumerate(steps, 1):
@@ -134,13 +172,7 @@ def test_the_next_job_and_all_places_are_those_of_the_rule(queue: Queue, steps: 
         elif deed == END and model.running:
             *_, job = model.running.pop(priority % len(model.running))
             queue.put(job, status="SUCCESS")
-    assert queue.next() == model.order()[:1]
-    places = queue.queue.places([job for *_, job in model.waiting], 1000)
-    assert sorted(places, key=places.__getitem__) == model.order()
-    assert sorted(places.values()) == list(range(1, len(model.waiting) + 1))
-    assert queue.queue.another_waits() == any(urgency <= 0 for _, urgency, *_ in model.waiting)
-    states = {each: job.state for each, job in queue.queue.jobs([job for *_, job in model.waiting]).items()}
-    assert states == {job: JobState.RUNNING if urgency > 0 else JobState.QUEUED for _, urgency, _, job in model.waiting}
+    return model
 
 
 def test_a_job_that_is_put_off_comes_after_all_others_but_does_not_wait_for_ever(queue: Queue) -> None:

@@ -15,10 +15,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any, LiteralString, Self
 
+import psutil
 import psycopg
 import pytest
 
-from .service import wait_for
+from .service import cpu_seconds, wait_for
 
 PLACES = (*sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True), Path("/usr/bin"), Path("/usr/local/bin"))
 BINARIES = next((place for place in PLACES if (place / "initdb").exists() and (place / "postgres").exists()), None)
@@ -107,6 +108,13 @@ class PostgresServer:
         """Immediate shutdown: connections are cut."""
         if self.process is not None:
             self._end(signal.SIGQUIT)
+
+    def cpu_seconds(self) -> float:
+        """Return the processor time of all its processes so far, and of those that have ended [s]."""
+        assert self.process is not None
+        postmaster = psutil.Process(self.process.pid)
+        # Those that have ended are in the postmaster's account.
+        return sum(postmaster.cpu_times()[:4]) + sum(cpu_seconds(each) for each in postmaster.children())
 
     def owner_of(self, plan_id: str) -> str | None:
         """Return the worker that a job belongs to."""

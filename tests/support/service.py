@@ -27,6 +27,8 @@ from .samples import sample
 TASKS = ROOT / "assets" / "tasks"
 FAKE_SOLVER = (sys.executable, "-m", "tests.support.fake_solver")
 FAKE_EXAMINER = (sys.executable, "-m", "tests.support.fake_examiner")
+API_MODULE = "app.serve"
+"""What further processes of an API run."""
 STARTUP_SECONDS = 900.0
 PATIENCE_SECONDS = 300.0
 """How long tests wait where no time is promised: a busy machine may take long, and is no fault of ours."""
@@ -99,6 +101,12 @@ class ServiceProcess:
         assert self.process is not None
         return psutil.Process(self.process.pid).children(recursive=True)
 
+    def answering(self) -> list[psutil.Process]:
+        """Return the processes that answer requests: itself, and further ones of an API."""
+        assert self.process is not None
+        further = [each for each in self.descendants() if API_MODULE in each.cmdline()]
+        return [psutil.Process(self.process.pid), *further]
+
     def _ready(self) -> bool:
         assert self.process is not None
         assert self.process.poll() is None, "the service ended instead of getting ready"
@@ -157,6 +165,14 @@ def wait_for(holds: Callable[[], T], seconds: float = PATIENCE_SECONDS) -> T:
         assert time.monotonic() < deadline, f"did not hold within {seconds} s"
         time.sleep(0.02)
     return held
+
+
+def cpu_seconds(process: psutil.Process) -> float:
+    """Return the processor time that a process has taken [s]; 0 if it has ended."""
+    try:
+        return sum(process.cpu_times()[:2])
+    except psutil.NoSuchProcess:
+        return 0.0
 
 
 def finished(client: httpx.Client, plan: dict[str, Any], seconds: float = PATIENCE_SECONDS) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import sqlite3
 import time
@@ -18,6 +19,7 @@ import structlog
 from dbos import DBOS
 from sqlalchemy import event, exc
 from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.pool import ConnectionPoolEntry
 
 from planners.errors import LiftwrightError
 from workers.settings import WorkerSettings
@@ -49,6 +51,10 @@ the server ends that session, so that others can take its jobs over.
 POOL_SECONDS = 5.0
 """How long a request waits for a connection of ours to be free, or for one that the server can spare [s]."""
 SPARE_LOOK_SECONDS = 0.1
+RESTED_SECONDS = 1.0
+"""A connection that was used within this time is used again without being asked first whether it still leads to the
+server: that would cost every request a round trip. What it loses then is told as any loss is [s]."""
+RESTS_SINCE = "rests since"
 NO_CONNECTION_LEFT = ("too many clients", "remaining connection slots", "too many connections")
 """What a server says that has no connection to spare: it says so before it could name an SQLSTATE."""
 SQLITE_ROOM_BYTES = 16 * 2**20
@@ -190,12 +196,13 @@ def server_database(settings: WorkerSettings, seconds: int | None = None) -> Dat
     )
     engine = sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
-        pool_pre_ping=True,
         pool_size=settings.database_connections,
         max_overflow=0,
         pool_timeout=POOL_SECONDS,
     )
     event.listen(engine, "do_connect", _connect_to_spare)
+    event.listen(engine, "checkin", _note_rest)
+    event.listen(engine, "checkout", partial(_ask_rested, engine.dialect))
     return Database(engine, url.render_as_string(hide_password=False))
 
 
@@ -260,6 +267,21 @@ def _connect_to_spare(
             if not full or time.monotonic() > deadline:
                 raise
         time.sleep(SPARE_LOOK_SECONDS)
+
+
+def _note_rest(_connection: object, record: ConnectionPoolEntry) -> None:
+    record.info[RESTS_SINCE] = time.monotonic()
+
+
+def _ask_rested(dialect: sa.Dialect, connection: DBAPIConnection, record: ConnectionPoolEntry, _used: object) -> None:
+    """Ask a connection that has rested whether it still leads to the server; if not, all are made anew."""
+    # One that was made just now has never rested.
+    if time.monotonic() - record.info.get(RESTS_SINCE, math.inf) < RESTED_SECONDS:
+        return
+    try:
+        dialect.do_ping(connection)
+    except dialect.loaded_dbapi.Error as error:
+        raise exc.InvalidatePoolError from error
 
 
 def _prepare(database: Database) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import time
 import uuid
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
@@ -27,6 +29,7 @@ from workers.stores.jobs import (
     together,
     workflow_table,
 )
+from workers.stores.tables import insert_rows
 from workers.stores.totals import TAKEOVER, add_to_total
 
 QUEUE = "plans"
@@ -52,6 +55,8 @@ PUT_OFF_SECONDS = 60.0
 """A job that was put off for so long takes its turn like any other [s]."""
 JOBS_TIMED = 50
 """From so many jobs that were begun last it is told how long one takes [1]."""
+PUT_OFF_SINCE = "put_off_since_ms"
+"""Name of a parameter of a query."""
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
 
 
@@ -120,6 +125,72 @@ class NewJob:
     start_us: int | None = None
     """Before which it may not be begun; None: at once."""
 
+    @property
+    def engine_priority(self) -> int:
+        """As the engine counts: the other way, from 1."""
+        return 1 + HIGHEST_PRIORITY - self.priority
+
+    @property
+    def order(self) -> tuple[int, int, str]:
+        """By which its owner's jobs go, the least first."""
+        return self.engine_priority, self.created_us // 1000, self.plan_id
+
+
+@dataclass(frozen=True)
+class DueJobs:
+    """How many jobs may be begun or run, by what it depends on whose turn is when."""
+
+    waiting: Mapping[str | None, Mapping[int, int]]
+    """How many wait for their turn, by owner and the engine's priority: not those that are put off."""
+    running: Mapping[str | None, int]
+    """How many run, by owner."""
+    put_off: Mapping[str | None, int]
+    """How many are put off, by owner."""
+    begun_ms: Mapping[str | None, int]
+    """When the last job was begun, by owner; of the owners that is known of [milliseconds since 1970, UTC]."""
+
+    def of_owners(self) -> Counter[str | None]:
+        """Return how many each owner has."""
+        waiting = {owner: sum(numbers.values()) for owner, numbers in self.waiting.items()}
+        return Counter(waiting) + Counter(self.running) + Counter(self.put_off)
+
+    def places(self, new: Sequence[NewJob]) -> dict[str, int]:
+        """Return the places in the queue of jobs that join it now, as `JobQueue.places` finds them by sorting it.
+
+        It is asked for each task that is accepted, so it takes counts alone: whatever waits already is older. Of jobs
+        that others add at the same time, and of several that an owner had put off too long ago, the order may differ.
+        """
+        rank = {job.plan_id: self._rank(job, new) for job in new}
+        rounds = {(job.owner, rank[job.plan_id]): job for job in new}
+        numbers = Counter({owner: sum(waiting.values()) for owner, waiting in self.waiting.items()})
+        numbers.update(job.owner for job in new)
+        places: dict[str, int] = {}
+        for job in new:
+            turn, place = self.running.get(job.owner, 0) + rank[job.plan_id], rank[job.plan_id]
+            for other, number in numbers.items():
+                if other == job.owner:
+                    continue
+                # Those of the rounds before, and perhaps the one of the same round.
+                its_rank = turn - self.running.get(other, 0)
+                place += min(max(its_rank - 1, 0), number)
+                if 1 <= its_rank <= number:
+                    place += self._goes_first(other, rounds.get((other, its_rank)), job)
+            places[job.plan_id] = place
+        return places
+
+    def _rank(self, job: NewJob, new: Sequence[NewJob]) -> int:
+        """Return the how manyth of its owner's jobs that wait one is that joins them with others, from 1."""
+        older = self.waiting.get(job.owner, {}).items()
+        before = sum(number for priority, number in older if priority <= job.engine_priority)
+        return 1 + before + sum(other.owner == job.owner and other.order < job.order for other in new)
+
+    def _goes_first(self, owner: str | None, other: NewJob | None, job: NewJob) -> bool:
+        """Whether another owner's job goes before one of the same round; None: that one waits already."""
+        theirs, ours = self.begun_ms.get(owner, 0), self.begun_ms.get(job.owner, 0)
+        if theirs != ours or other is None:
+            return theirs <= ours
+        return other.order[1:] < job.order[1:]
+
 
 class JobQueue:
     """Jobs are named by their plan's id. A database that is gone is an error at once, never a wait."""
@@ -136,6 +207,9 @@ class JobQueue:
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
         self._inputs = input_table(database.engine.dialect.name)
+        # Put together once: they are asked for each task that is accepted.
+        self._last_begun = self._last_turns()
+        self._due_counts = self._counts_of_due()
 
     def close(self) -> None:
         """Give all connections back."""
@@ -165,8 +239,7 @@ class JobQueue:
                 "application_name": APPLICATION,
                 "application_version": APPLICATION_VERSION,
                 "serialization": PORTABLE_JSON,
-                # The engine's count goes the other way, from 1.
-                "priority": 1 + HIGHEST_PRIORITY - job.priority,
+                "priority": job.engine_priority,
                 "recovery_attempts": 0,
                 "creator_xid": str(uuid.uuid4()),
                 "delay_until_epoch_ms": None if job.start_us is None else job.start_us // 1000,
@@ -183,8 +256,8 @@ class JobQueue:
             }
             for job in jobs
         ]
-        transaction.execute(sa.insert(self._jobs), rows)
-        transaction.execute(sa.insert(self._inputs), inputs)
+        insert_rows(transaction, self._jobs, rows)
+        insert_rows(transaction, self._inputs, inputs)
 
     def enqueue_part(self, transaction: sa.Connection, study_id: str, part: int) -> None:
         """Enqueue one part of a study; it exists when `transaction` commits."""
@@ -269,30 +342,35 @@ class JobQueue:
         for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
             self._client.delete_workflow(workflow_id)
 
-    def depth(self, most: int, transaction: sa.Connection | None = None) -> Depth:
+    def depth(self, most: int) -> Depth:
         """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
         counts = (self._count(self._jobs.c.status == status, most) for status in (ENQUEUED, DELAYED, RUNNING))
-        query = sa.select(*counts)
-        rows = self._database.rows(query) if transaction is None else transaction.execute(query).all()
-        return Depth(*rows[0])
+        return Depth(*self._database.rows(sa.select(*counts))[0])
 
-    def due_of_owner(self, owner: str, most: int, transaction: sa.Connection) -> int:
-        """Return how many jobs of an owner may be begun or run, counted up to `most`."""
-        jobs = self._jobs
-        due = sa.select(sa.literal(1)).where(self._due, jobs.c.queue_partition_key == owner).limit(most)
-        return transaction.scalar(sa.select(sa.func.count()).select_from(due.subquery())) or 0
+    def due(self, transaction: sa.Connection) -> DueJobs:
+        """Return how many jobs may be begun or run, and who had the last turns."""
+        waiting: dict[str | None, dict[int, int]] = {}
+        running, put_off = dict[str | None, int](), Counter[str | None]()
+        for row in transaction.execute(self._due_counts, {PUT_OFF_SINCE: _put_off_since_ms()}):
+            if row.status == RUNNING:
+                running[row.owner] = running.get(row.owner, 0) + row.number
+            elif row.put_off:
+                put_off[row.owner] += row.number
+            else:
+                waiting.setdefault(row.owner, {})[row.priority] = row.number
+        begun = {row.owner: row.begun_ms for row in transaction.execute(self._last_begun)}
+        return DueJobs(waiting, running, put_off, begun)
 
-    def places(self, plan_ids: Sequence[str], most: int, transaction: sa.Connection | None = None) -> dict[str, int]:
+    def places(self, plan_ids: Sequence[str], most: int) -> dict[str, int]:
         """Return the places in the queue of those of `plan_ids` that are among the first `most` to wait for a worker.
 
-        1 is the next to begin. What others have not committed yet does not count; in `transaction`, what it has does.
+        1 is the next to begin. What is not committed yet does not count.
         """
         waiting = self._in_turn()
         query = sa.select(waiting.c.workflow_uuid, waiting.c.place).where(
             waiting.c.workflow_uuid.in_(plan_ids), waiting.c.place <= most
         )
-        rows = self._database.rows(query) if transaction is None else transaction.execute(query).all()
-        return {row.workflow_uuid: row.place for row in rows}
+        return {row.workflow_uuid: row.place for row in self._database.rows(query)}
 
     def pace(self, most: int) -> Pace | None:
         """Return how fast jobs are done; None where none runs, or none of those that were begun last has ended.
@@ -336,16 +414,14 @@ class JobQueue:
         round the owner comes first whose last job was begun longest ago. All of it is read from the engine's indexes.
         Jobs that are put off come after all others, but not for ever.
         """
-        jobs, begun = self._jobs, self._jobs.alias("begun")
+        jobs = self._jobs
         of_owner = [jobs.c.priority, jobs.c.created_at, jobs.c.workflow_uuid]
         waiting = (
             sa.select(
                 jobs.c.workflow_uuid,
                 jobs.c.created_at,
                 jobs.c.queue_partition_key.label("owner"),
-                sa.and_(sa.not_(self._no_verdict), jobs.c.updated_at > _now_ms() - round(1e3 * PUT_OFF_SECONDS)).label(
-                    "put_off"
-                ),
+                self._is_put_off(sa.literal(_put_off_since_ms())).label("put_off"),
                 sa.func.row_number().over(partition_by=jobs.c.queue_partition_key, order_by=of_owner).label("ahead"),
             )
             .where(self._due, jobs.c.status == ENQUEUED)
@@ -357,18 +433,7 @@ class JobQueue:
             .group_by(jobs.c.queue_partition_key)
             .cte("running")
         )
-        latest = (
-            sa.select(begun.c.queue_partition_key.label("owner"), begun.c.started_at_epoch_ms)
-            .where(begun.c.queue_name == QUEUE, begun.c.started_at_epoch_ms.is_not(None))
-            .order_by(begun.c.started_at_epoch_ms.desc())
-            .limit(TURNS_REMEMBERED)
-            .subquery()
-        )
-        last = (
-            sa.select(latest.c.owner, sa.func.max(latest.c.started_at_epoch_ms).label("begun_ms"))
-            .group_by(latest.c.owner)
-            .cte("last")
-        )
+        last = self._last_turns().cte("last")
         nobody = sa.literal_column("''")
 
         def owned(other: sa.CTE) -> sa.ColumnElement[bool]:
@@ -386,6 +451,32 @@ class JobQueue:
             .select_from(waiting.outerjoin(running, owned(running)).outerjoin(last, owned(last)))
             .subquery()
         )
+
+    def _counts_of_due(self) -> sa.Select[Any]:
+        """Return a query of how many jobs may be begun or run, by what `DueJobs` tells apart."""
+        jobs = self._jobs
+        put_off = self._is_put_off(sa.bindparam(PUT_OFF_SINCE, type_=sa.BigInteger)).label("put_off")
+        kinds = jobs.c.queue_partition_key.label("owner"), jobs.c.status, jobs.c.priority, put_off
+        counts = sa.select(*kinds, sa.literal(1).label("one")).where(self._due).subquery()
+        columns = [counts.c[each.name] for each in kinds]
+        return sa.select(*columns, sa.func.count().label("number")).group_by(*columns)
+
+    def _last_turns(self) -> sa.Select[Any, Any]:
+        """Return a query of when the last job of each owner was begun, of those that were begun last."""
+        begun = self._jobs.alias("begun")
+        latest = (
+            sa.select(begun.c.queue_partition_key.label("owner"), begun.c.started_at_epoch_ms)
+            .where(begun.c.queue_name == QUEUE, begun.c.started_at_epoch_ms.is_not(None))
+            .order_by(begun.c.started_at_epoch_ms.desc())
+            .limit(TURNS_REMEMBERED)
+            .subquery()
+        )
+        begun_ms = sa.func.max(latest.c.started_at_epoch_ms).label("begun_ms")
+        return sa.select(latest.c.owner, begun_ms).group_by(latest.c.owner)
+
+    def _is_put_off(self, since_ms: sa.ColumnElement[int]) -> sa.ColumnElement[bool]:
+        """Return what holds of jobs that come after all others, because they were put off after a time."""
+        return sa.and_(sa.not_(self._no_verdict), self._jobs.c.updated_at > since_ms)
 
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
@@ -453,6 +544,11 @@ class JobQueue:
 
 def _now_ms() -> int:
     return time.time_ns() // 1_000_000
+
+
+def _put_off_since_ms() -> int:
+    """Return since when a job must have been put off to still be so."""
+    return _now_ms() - round(1e3 * PUT_OFF_SECONDS)
 
 
 def part_workflow_id(study_id: str, part: int) -> str:

@@ -16,7 +16,7 @@ from sqlalchemy.exc import IntegrityError
 
 from planners.errors import LiftwrightError
 from workers.stores.database import Database
-from workers.stores.job_queue import JobQueue, NewJob
+from workers.stores.job_queue import DueJobs, JobQueue, NewJob
 from workers.stores.jobs import (
     DELAYED,
     FAILED,
@@ -36,6 +36,7 @@ from workers.stores.tables import (
     TOTALS,
     AuditRow,
     Position,
+    insert_rows,
     newest_first,
     now_us,
     stored_text,
@@ -349,18 +350,18 @@ class PlanStore:
         keys = [each.key for each in submissions if each.key is not None]
         known = self._by_keys(keys, transaction) if keys else {}
         wanted = [each for each in submissions if each.key is None or each.key not in known]
-        refused = {} if room is None else self._refused(transaction, wanted, queue, room)
+        due = None if room is None else queue.due(transaction)
+        refused = {} if room is None or due is None else self._refused(transaction, wanted, due, room)
         new = [each for each in wanted if each.plan_id not in refused]
         if new:
             # In the same order in every process: of two that insert the same keys each would wait for the other.
-            transaction.execute(sa.insert(PLANS), [each.row for each in sorted(new, key=lambda each: each.key or "")])
+            insert_rows(transaction, PLANS, [each.row for each in sorted(new, key=lambda each: each.key or "")])
             queue.enqueue(transaction, [each.job for each in new])
             expect_deliveries(transaction, [(each.plan_id, each.owner, each.order.webhook_id) for each in new])
             audited = [each.audit for each in new if each.audit is not None]
             if audited:
-                transaction.execute(sa.insert(AUDIT), audited)
-        due = [each.plan_id for each in new if not each.delayed]
-        places = queue.places(due, room.jobs, transaction) if room is not None and due else {}
+                insert_rows(transaction, AUDIT, audited)
+        places = {} if due is None else due.places([each.job for each in new if not each.delayed])
         return [
             Accepted(known[each.key], None, is_new=False)
             if each.key is not None and each.key in known
@@ -369,23 +370,18 @@ class PlanStore:
         ]
 
     def _refused(
-        self, transaction: sa.Connection, submissions: Sequence[Submission], queue: JobQueue, room: Room
+        self, transaction: sa.Connection, submissions: Sequence[Submission], due: DueJobs, room: Room
     ) -> dict[str, NoRoom]:
-        """Return for which submissions there is no room any more, and why."""
-        due, refused = queue.depth(room.jobs, transaction).due, dict[str, NoRoom]()
+        """Return for which submissions there is no room any more beside the jobs that are due, and why."""
+        shares, refused = due.of_owners(), dict[str, NoRoom]()
         delayed: dict[str | None, int] = {}
-        shares: dict[str, int] = {}
         for each in submissions:
-            if each.owner is not None and each.owner not in shares:
-                shares[each.owner] = queue.due_of_owner(each.owner, room.jobs_of_owner, transaction)
-            if due >= room.jobs:
+            if shares.total() >= room.jobs:
                 refused[each.plan_id] = NoRoom.QUEUE_FULL
             elif each.owner is not None and shares[each.owner] >= room.jobs_of_owner:
                 refused[each.plan_id] = NoRoom.SHARE_FULL
             elif not each.delayed:
-                due += 1
-                if each.owner is not None:
-                    shares[each.owner] += 1
+                shares[each.owner] += 1
             else:
                 # Jobs for later are in nobody's way, so they are no reason to refuse those of others.
                 if each.owner not in delayed:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any, TypedDict
 
 import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
 
 NUL = "\0"
 REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
@@ -202,6 +205,25 @@ AUDIT = sa.Table(
     sa.Column("target", StoredText(300), nullable=False),
     sa.Column("status", sa.Integer, nullable=False),
 )
+
+
+def insert_rows(transaction: sa.Connection, table: sa.TableClause, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Insert rows, at least one, each of which names the same columns; on PostgreSQL in one statement.
+
+    Its text is the same for any number of rows, so that it is compiled and planned once.
+    """
+    if transaction.dialect.name != "postgresql":
+        transaction.execute(sa.insert(table), rows)
+        return
+    names = tuple(rows[0])
+    transaction.execute(_insert_of_arrays(table, names), {name: [row[name] for row in rows] for name in names})
+
+
+@cache
+def _insert_of_arrays(table: sa.TableClause, names: tuple[str, ...]) -> sa.Insert:
+    """Return what inserts rows on PostgreSQL, given the values of each column as an array."""
+    arrays = [sa.func.unnest(sa.bindparam(name, type_=postgresql.ARRAY(table.c[name].type))) for name in names]
+    return sa.insert(table).from_select(names, sa.select(*arrays))
 
 
 class AuditRow(TypedDict):

@@ -14,7 +14,7 @@ import sqlalchemy as sa
 
 from workers.stores.database import Database
 from workers.stores.jobs import QUEUED, RUNNING, workflow_table
-from workers.stores.tables import DELIVERIES, DELIVERY_ATTEMPTS, WEBHOOKS, Position, newest_first, now_us
+from workers.stores.tables import DELIVERIES, DELIVERY_ATTEMPTS, WEBHOOKS, Position, insert_rows, newest_first, now_us
 
 SECRET_BYTES = 32
 SECRET_PREFIX = "whsec_"
@@ -220,7 +220,7 @@ def expect_deliveries(transaction: sa.Connection, plans: Sequence[tuple[str, str
         if webhook.owner == owner and (webhook.plans == "all" or webhook.id == named)
     ]
     if rows:
-        transaction.execute(sa.insert(DELIVERIES), rows)
+        insert_rows(transaction, DELIVERIES, rows)
 
 
 def tell_certified(
