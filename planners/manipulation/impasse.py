@@ -21,7 +21,7 @@ from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD
 from planners.manipulation.holds.grips import lack_of_grips
 from planners.manipulation.lift_reach import meeting
-from planners.manipulation.lift_sampling import cup_footprint, jaw_of
+from planners.manipulation.lift_sampling import cup_footprint, gripping_reach, jaw_of
 from planners.manipulation.lift_search import LiftSearch
 from planners.manipulation.reach.hand_reach import Closeness, HandReach, Hindrance
 from planners.manipulation.statics.hold_balance import HandPair
@@ -79,8 +79,8 @@ class _Stages:
         sampling, scene = self._sampling, self._sampling.scene
         if scene.given_grips is not None:
             return Rejection("sampling", "the task gives none")
-        cup = cup_footprint(scene)
-        return lack_of_grips(sampling.prism, jaw_of(sampling.workcell), cup, sampling.settings.grips)
+        workcell, cup = sampling.workcell, cup_footprint(scene)
+        return lack_of_grips(sampling.prism, jaw_of(workcell), gripping_reach(workcell), cup, sampling.settings.grips)
 
     def _at_rest(self) -> Impasse:
         """No hand can come to the plate at rest."""
