@@ -116,7 +116,7 @@ class _Stages:
         """No two hands can hold the plate at the goal."""
         goals = np.array(self._sampling.poses.goals)
         summary = "No grip and push together can hold the plate off its support"
-        grips, pushes = self._reached.grip[goals].any(axis=1), self._reached.push[goals].any(axis=1)
+        grips, pushes = (some[goals].any(axis=1) for some in self._reached.some)
         if (grips & pushes).any():
             causes = self._lost(goals[grips & pushes].tolist(), "off the support")
             return _told(summary, ": ", causes)
@@ -179,8 +179,8 @@ class _Stages:
     def _missing(self, pose: int, hands: HandPair, where: str) -> Rejection:
         """Say what keeps the hands of a hold that would bear the plate from being there."""
         for index, hand, postures in (
-            (hands[0], self._reach.pair.first, self._reached.grip),
-            (hands[1], self._reach.pair.second, self._reached.push),
+            (hands[0], self._reach.pair.first, self._reached.some[0]),
+            (hands[1], self._reach.pair.second, self._reached.some[1]),
         ):
             if index is not None and not postures[pose, index]:
                 hindrance = hand.hindrance(self._poses[pose].T_world_plate, index)
