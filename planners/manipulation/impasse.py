@@ -21,7 +21,7 @@ from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD
 from planners.manipulation.holds.grips import lack_of_grips
 from planners.manipulation.lift_reach import meeting
-from planners.manipulation.lift_sampling import cup_footprint, jaw_of
+from planners.manipulation.lift_sampling import cup_footprint, gripping_reach, jaw_of
 from planners.manipulation.lift_search import LiftSearch
 from planners.manipulation.reach.hand_reach import Closeness, HandReach, Hindrance
 from planners.manipulation.statics.hold_balance import HandPair
@@ -83,8 +83,8 @@ class _Stages:
         sampling, scene = self._sampling, self._sampling.scene
         if scene.given_grips is not None:
             return Rejection("sampling", "the task gives none")
-        cup = cup_footprint(scene)
-        return lack_of_grips(sampling.prism, jaw_of(sampling.workcell), cup, sampling.settings.grips)
+        workcell, cup = sampling.workcell, cup_footprint(scene)
+        return lack_of_grips(sampling.prism, jaw_of(workcell), gripping_reach(workcell), cup, sampling.settings.grips)
 
     def _at_rest(self) -> Impasse:
         """No hand can come to the plate at rest."""
@@ -130,7 +130,7 @@ class _Stages:
         """No two hands can hold the plate at the goal."""
         goals = np.array(self._sampling.poses.goals)
         summary = "No grip and push together can hold the plate off its support"
-        grips, pushes = self._reached.grip[goals].any(axis=1), self._reached.push[goals].any(axis=1)
+        grips, pushes = (some[goals].any(axis=1) for some in self._reached.some)
         if (grips & pushes).any():
             causes = self._lost(goals[grips & pushes].tolist(), "off the support")
             return _told(summary, ": ", causes)
@@ -193,8 +193,8 @@ class _Stages:
     def _missing(self, pose: int, hands: HandPair, where: str) -> Rejection:
         """Say what keeps the hands of a hold that would bear the plate from being there."""
         for index, hand, postures in (
-            (hands[0], self._reach.pair.first, self._reached.grip),
-            (hands[1], self._reach.pair.second, self._reached.push),
+            (hands[0], self._reach.pair.first, self._reached.some[0]),
+            (hands[1], self._reach.pair.second, self._reached.some[1]),
         ):
             if index is not None and not postures[pose, index]:
                 hindrance = hand.hindrance(self._poses[pose].T_world_plate, index)

@@ -14,9 +14,10 @@ from planners.manipulation.graph.manipulation_graph import HandHold, Manipulatio
 from planners.manipulation.graph.rising_reach import RisingReach
 from planners.manipulation.lift_sampling import LiftSampling
 from planners.manipulation.motion.posture_follower import PostureFollower, PostureQueries
-from planners.manipulation.reach.hand_reach import Hand, HandReach, PairReach, PlateQuery, ReachedPostures
+from planners.manipulation.reach.hand_reach import Hand, HandReach, PairReach, PlateQuery
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.manipulation.reach.reach_memory import ReachMemory
+from planners.manipulation.reach.reached_postures import ReachedPostures
 from planners.manipulation.statics.hold_balance import HoldBalance
 from planners.manipulation.statics.lift_programs import keeping_back
 from planners.progress import Progress, Report
@@ -45,7 +46,7 @@ class LiftReach:
         workcell, plates = sampling.workcell, sampling.T_world_plates
         self.sampling, self.pair = sampling, _pair_reach(sampling)
         if memory is None:
-            grips, pushes = self.pair.postures(plates, lambda done: progress(Report("reach", done, len(plates))))
+            grips, pushes = self.pair.some_postures(plates, lambda done: progress(Report("reach", done, len(plates))))
         else:
             progress(Report("reach", 0, len(plates)))
             grips, pushes = memory.postures(workcell, self.pair, plates)
@@ -56,7 +57,7 @@ class LiftReach:
         blocked = self.lifted.first_collisions(plates) >= 0
         grips[blocked] = 0
         pushes[blocked] = 0
-        self.reached = ReachedPostures(self.pair, grips, pushes)
+        self.reached = ReachedPostures(self.pair, plates, (grips, pushes), whole=memory is not None)
         self.follower = PostureFollower(
             sampling.poses, self.reached, _posture_queries(workcell, self.lifted), (sampling.grips, sampling.pushes)
         )
@@ -77,16 +78,19 @@ class LiftReach:
 
     def edges_left(self, ruled_out: NDArray[np.bool_] | None) -> int:
         """Return how many edges that graph would have without the nodes (poses, 1 + grips, 1 + pushes) given."""
-        return edge_count(self.sampling.poses, self.sampling.holds, self.reached.sets, ruled_out)
+        return edge_count(self.sampling.poses, self.sampling.holds, self.reached.some, ruled_out)
 
     def graph(self, grips: tuple[HandHold, ...], pushes: tuple[HandHold, ...]) -> ManipulationStateGraph:
-        """Merge the graph of these holds, nothing in it examined; that of all holds is asked for again and again."""
+        """Merge the graph of these holds, nothing in it examined; that of all holds is asked for again and again.
+
+        All postures have to be known of those that are told apart.
+        """
         known = self._whole
         if known is None or (known.grips, known.pushes) != (grips, pushes):
             # Two of the largest would not fit into memory.
             self._whole = None
             costs = self.sampling.settings.costs
-            known = build_graph(self.sampling.poses, grips, pushes, *self.reached.sets, costs, self._ruled_out)
+            known = build_graph(self.sampling.poses, grips, pushes, *self.reached.some, costs, self._ruled_out)
             if (grips, pushes) == self.sampling.holds:
                 self._whole = known
         return known.unexamined()

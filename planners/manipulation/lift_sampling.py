@@ -44,12 +44,12 @@ class LiftSampling:
         poses = DenseContactStateGraph.build(prism, scene.plate.com, scene.T_world_plate, settings.sampling)
         if scene.given_grips is None:
             cup = cup_footprint(scene)
-            grips = generate_grips(prism, jaw_of(workcell), cup=cup, sampling=settings.grips)
+            grips = generate_grips(prism, jaw_of(workcell), gripping_reach(workcell), cup=cup, sampling=settings.grips)
         else:
             grips = given_grips(scene.given_grips, prism)
         radius = workcell.pushing_hand.tip_radius
         if scene.given_pushes is None:
-            pushes = generate_pushes(prism, radius, settings.pushes)
+            pushes = generate_pushes(prism, radius, workcell.arm(workcell.pusher).robot.reach, settings.pushes)
         else:
             pushes = given_pushes(scene.given_pushes, radius, settings.pushes.rolls)
         return cls(workcell, settings, prism, poses, grips, pushes, balance_program(scene))
@@ -127,6 +127,11 @@ def jaw_of(workcell: LiftWorkcell) -> Jaw:
     hand, thickness = workcell.gripping_hand, workcell.scene.plate.height
     room = hand.palm_distance(min(thickness, hand.width_max))
     return Jaw(hand.width_max, (float(hand.pad_size[0]), float(hand.pad_size[2])), room)
+
+
+def gripping_reach(workcell: LiftWorkcell) -> float:
+    """Return how far the arm that grips reaches, as its maker states it [m]."""
+    return workcell.arm(workcell.gripper).robot.reach
 
 
 def cup_footprint(scene: PlateLiftScene) -> CupFootprint:

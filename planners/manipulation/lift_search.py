@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.errors import PlanningFaultError
 from planners.graph.passage import connected_to, passable_path
@@ -35,6 +34,7 @@ from planners.manipulation.motion.assignment import HoldSplit, NoAssignment, Pos
 from planners.manipulation.motion.choreography import Choreographer, StuckStep
 from planners.manipulation.motion.manipulation_sequence import HoldPhase, ManipulationSequence
 from planners.manipulation.reach.hand_reach import Hand
+from planners.manipulation.reach.reached_postures import ReachedPostures
 from planners.manipulation.statics.hold_balance import HoldBalance
 from planners.manipulation.statics.lift_torques import OVERTAXED
 from planners.progress import Progress, Report
@@ -339,9 +339,9 @@ class LiftSearch:
         grips, pushes = self.graph.grips, self.graph.pushes
         for split in splits:
             if split.hand == "grip":
-                grips = _told_apart(grips, split, self.reach.reached.grip)
+                grips = _told_apart(grips, split, self.reach.reached)
             else:
-                pushes = _told_apart(pushes, split, self.reach.reached.push)
+                pushes = _told_apart(pushes, split, self.reach.reached)
         self.record.counts["splits"] += 1
         self._merge(grips, pushes, goals=True)
 
@@ -366,9 +366,9 @@ class LiftSearch:
             self.failures.add(TransitFailure(pose, hand, moving.hold.index, ~moving.hold.postures), self.graph)
 
 
-def _told_apart(holds: tuple[HandHold, ...], split: HoldSplit, reach: NDArray[np.uint64]) -> tuple[HandHold, ...]:
+def _told_apart(holds: tuple[HandHold, ...], split: HoldSplit, reached: ReachedPostures) -> tuple[HandHold, ...]:
     """Replace a hold by its parts, as far as they reach any pose."""
     index = split.hold.index
-    anywhere = int(np.bitwise_or.reduce(reach[:, index]))
+    anywhere = int(np.bitwise_or.reduce(reached.of_hold(split.hand, index)))
     parts = tuple(HandHold(index, part & anywhere) for part in split.parts if part & anywhere)
     return tuple(other for other in holds if other != split.hold) + parts

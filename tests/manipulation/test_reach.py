@@ -8,6 +8,7 @@ import pytest
 
 from planners.collision.model import Fixed
 from planners.manipulation.reach.hand_reach import CONTINUITY, bits
+from planners.manipulation.reach.reached_postures import ReachedPostures
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.manipulation.lift_probe import TURN
 
@@ -253,3 +254,27 @@ def test_of_sets_of_postures_the_first_pair_that_goes_together_is_found(planner)
         pairs = ((a, b) for a in bits(sets[0]) for b in bits(sets[1]))
         first = next((p for p in pairs if planner.reach.pair.compatible(where, holds, (1 << p[0], 1 << p[1]))), None)
         assert planner.reach.pair.compatible(where, holds, sets) == first
+
+
+def some_reached(planner) -> ReachedPostures:
+    """Return what is known at some of the poses before anything is asked."""
+    plates = planner.sampling.T_world_plates[::9]
+    return ReachedPostures(planner.reach.pair, plates, planner.reach.pair.some_postures(plates, int), whole=False)
+
+
+def test_what_is_known_of_a_set_is_part_of_it_and_empty_only_if_it_is(planner):
+    plates, some = planner.sampling.T_world_plates[::9], some_reached(planner).some
+    for reach, known in zip((planner.reach.pair.first, planner.reach.pair.second), some, strict=True):
+        every = reach.postures(plates)
+        assert not (known & ~every).any()
+        np.testing.assert_array_equal(known != 0, every != 0)
+
+
+def test_a_set_asked_for_by_itself_is_that_of_all_together(planner):
+    plates, reached = planner.sampling.T_world_plates[::9], some_reached(planner)
+    for hand in ("grip", "push"):
+        every = reached.hand(hand).postures(plates)
+        entries = np.random.default_rng(7).permutation(np.argwhere(every))
+        assert [reached.at(hand, *entry) for entry in entries[:30]] == [int(every[*entry]) for entry in entries[:30]]
+        np.testing.assert_array_equal(reached.of_hold(hand, entries[-1, 1]), every[:, entries[-1, 1]])
+        np.testing.assert_array_equal(reached.grip if hand == "grip" else reached.push, every)

@@ -23,6 +23,8 @@ from planners.manipulation.holds.grips import (
 )
 from planners.scene.lift_placements import GivenGrip
 
+REACH = 0.5
+"""Of the papers' arms [m]."""
 JAW = Jaw(width_max=0.085, pad_size=(0.022, 0.0375))
 ACRYLIC = ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.04)
 PLYWOOD = ConvexPrism.from_outline(rectangle(0.4, 0.5), 0.044)
@@ -49,21 +51,21 @@ def plate(request) -> ConvexPrism:
 
 
 def test_the_papers_plates_have_the_papers_numbers_of_grips():
-    assert len(generate_grips(ACRYLIC, JAW)) == 30
-    assert len(generate_grips(PLYWOOD, JAW)) == 36
+    assert len(generate_grips(ACRYLIC, JAW, REACH)) == 30
+    assert len(generate_grips(PLYWOOD, JAW, REACH)) == 36
 
 
 @pytest.mark.parametrize("room", [0.012, 0.02, 0.1])
 def test_a_plate_goes_no_deeper_into_a_gripper_than_to_its_palm(room):
-    grips = generate_grips(ACRYLIC, replace(JAW, room=room))
+    grips = generate_grips(ACRYLIC, replace(JAW, room=room), REACH)
     depths = depth_inside(ACRYLIC.outline, np.array([grip.T_plate_tcp[0, :2, 3] for grip in grips]))
     assert depths.max() <= room - SAMPLING.palm_clearance + 1e-9
     assert depths.max() <= SAMPLING.depth + 1e-9
-    assert len(grips) == len(generate_grips(ACRYLIC, JAW))
+    assert len(grips) == len(generate_grips(ACRYLIC, JAW, REACH))
 
 
 def test_fingers_are_antipodal_on_top_and_bottom(plate):
-    grips = generate_grips(plate, JAW)
+    grips = generate_grips(plate, JAW, REACH)
     assert grips
     for number, grip in enumerate(grips):
         assert grip.index == number
@@ -75,7 +77,7 @@ def test_fingers_are_antipodal_on_top_and_bottom(plate):
 
 
 def test_finger_0_is_on_the_tcps_negative_y_and_both_at_the_pads_centres(plate):
-    for grip in generate_grips(plate, JAW):
+    for grip in generate_grips(plate, JAW, REACH):
         for T, points, normals in zip(grip.T_plate_tcp, grip.points, grip.normals, strict=True):
             assert T[:3, :3].T @ T[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
             assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
@@ -86,7 +88,7 @@ def test_finger_0_is_on_the_tcps_negative_y_and_both_at_the_pads_centres(plate):
 
 
 def test_the_flips_share_the_approach_and_swap_the_fingers(plate):
-    for grip in generate_grips(plate, JAW):
+    for grip in generate_grips(plate, JAW, REACH):
         one, other = grip.T_plate_tcp
         assert one[:3, 2] == pytest.approx(other[:3, 2])
         assert one[:3, 3] == pytest.approx(other[:3, 3])
@@ -96,7 +98,7 @@ def test_the_flips_share_the_approach_and_swap_the_fingers(plate):
 
 
 def test_the_hand_comes_from_outside_square_to_a_side(plate):
-    for grip in generate_grips(plate, JAW):
+    for grip in generate_grips(plate, JAW, REACH):
         rim = (grip.T_plate_tcp[0, :3, 3] - SAMPLING.depth * grip.approach)[None, :2]
         assert depth_inside(plate.outline, rim)[0] == pytest.approx(0.0, abs=1e-9)
         # Square to the side: no direction leads deeper as fast as the approach.
@@ -105,7 +107,7 @@ def test_the_hand_comes_from_outside_square_to_a_side(plate):
 
 def test_pads_lie_on_the_plate_across_their_whole_width(plate):
     across, along = JAW.pad_size
-    for grip in generate_grips(plate, JAW):
+    for grip in generate_grips(plate, JAW, REACH):
         T = grip.T_plate_tcp[0]
         depths = (SAMPLING.rim_tolerance - SAMPLING.depth, 0.5 * along)
         corners = [T[:2, 3] + w * T[:2, 0] + d * T[:2, 2] for w in (-across / 2, across / 2) for d in depths]
@@ -118,7 +120,7 @@ def test_the_grips_of_a_rectangle_are_symmetric(size, axis):
     places = np.array(
         [
             grip.T_plate_tcp[0][:2, [2, 3]].ravel()
-            for grip in generate_grips(ConvexPrism.from_outline(rectangle(*size[:2]), size[2]), JAW)
+            for grip in generate_grips(ConvexPrism.from_outline(rectangle(*size[:2]), size[2]), JAW, REACH)
         ]
     )
     mirror = np.ones(4)
@@ -129,7 +131,7 @@ def test_the_grips_of_a_rectangle_are_symmetric(size, axis):
 
 
 def test_neighbouring_grips_on_a_side_are_equally_far_apart(plate):
-    grips = generate_grips(plate, JAW)
+    grips = generate_grips(plate, JAW, REACH)
     gaps = [
         np.linalg.norm(a.T_plate_tcp[0, :3, 3] - b.T_plate_tcp[0, :3, 3])
         for a, b in pairwise(grips)
@@ -139,15 +141,15 @@ def test_neighbouring_grips_on_a_side_are_equally_far_apart(plate):
 
 
 def test_no_grip_on_a_plate_thicker_than_the_opening():
-    assert generate_grips(ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.0811), JAW) == ()
-    assert generate_grips(ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.0809), JAW) != ()
+    assert generate_grips(ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.0811), JAW, REACH) == ()
+    assert generate_grips(ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.0809), JAW, REACH) != ()
 
 
 @pytest.mark.parametrize("centre", [(0.11, 0.02), (0.09, 0.003), (0.12, -0.07), (-0.03, 0.105), (0.0, -0.095)])
 def test_grips_whose_pad_meets_the_cup_are_left_out_and_no_others(centre):
     cup = CupFootprint(centre, 0.0275)
-    kept = {tuple(grip.T_plate_tcp[0].ravel()) for grip in generate_grips(ACRYLIC, JAW, cup=cup)}
-    every = generate_grips(ACRYLIC, JAW)
+    kept = {tuple(grip.T_plate_tcp[0].ravel()) for grip in generate_grips(ACRYLIC, JAW, REACH, cup=cup)}
+    every = generate_grips(ACRYLIC, JAW, REACH)
     assert 0 < len(every) - len(kept) < 6
     across, along = (np.linspace(-0.5, 0.5, 200) * size for size in JAW.pad_size)
     for grip in every:
@@ -160,7 +162,7 @@ def test_grips_whose_pad_meets_the_cup_are_left_out_and_no_others(centre):
 
 
 def test_generated_grips_that_a_task_gives_itself_are_the_same_grips(plate):
-    grips = generate_grips(plate, JAW)
+    grips = generate_grips(plate, JAW, REACH)
     given = [GivenGrip(grip.T_plate_tcp[0, :3, 3], grip.approach) for grip in grips]
     for again, made in zip(given_grips(given, plate), grips, strict=True):
         assert again.index == made.index

@@ -22,7 +22,7 @@ from planners.manipulation.holds.pushes import (
 from planners.scene.lift_placements import GivenPush
 from tests.support.polyhedra import face_normal
 
-TIP = 0.010
+TIP, REACH = 0.010, 0.5
 SAMPLING = PushSampling()
 ACRYLIC = ConvexPrism.from_outline(rectangle(0.3, 0.3), 0.04)
 PLYWOOD = ConvexPrism.from_outline(rectangle(0.4, 0.5), 0.044)
@@ -54,12 +54,12 @@ def outside(plate: ConvexPrism, points: np.ndarray) -> np.ndarray:
 
 
 def test_the_papers_plates_have_the_papers_numbers_of_pushes():
-    assert len(generate_pushes(ACRYLIC, TIP)) == 64
-    assert len(generate_pushes(PLYWOOD, TIP)) == 72
+    assert len(generate_pushes(ACRYLIC, TIP, REACH)) == 64
+    assert len(generate_pushes(PLYWOOD, TIP, REACH)) == 72
 
 
 def test_contacts_are_on_the_surface_and_normals_point_into_the_plate(plate):
-    pushes = generate_pushes(plate, TIP)
+    pushes = generate_pushes(plate, TIP, REACH)
     assert pushes
     assert [push.index for push in pushes] == list(range(len(pushes)))
     points, normals = np.array([p.point for p in pushes]), np.array([p.normal for p in pushes])
@@ -69,19 +69,19 @@ def test_contacts_are_on_the_surface_and_normals_point_into_the_plate(plate):
 
 
 def test_the_stick_is_inside_the_push_cone(plate):
-    for push in generate_pushes(plate, TIP):
+    for push in generate_pushes(plate, TIP, REACH):
         assert np.linalg.norm(push.axis) == pytest.approx(1.0)
         assert math.acos(float(push.axis @ push.normal)) <= math.radians(70) + 1e-9
 
 
 def test_directions_outside_a_narrower_cone_are_left_out():
-    narrow = generate_pushes(ACRYLIC, TIP, PushSampling(axis_angle_max=math.radians(30)))
+    narrow = generate_pushes(ACRYLIC, TIP, REACH, PushSampling(axis_angle_max=math.radians(30)))
     assert len(narrow) == 16
     assert all(push.point[2] == 0.0 for push in narrow)
 
 
 def test_the_tcp_is_the_tips_centre_with_z_along_the_stick_at_every_roll(plate):
-    for push in generate_pushes(plate, TIP):
+    for push in generate_pushes(plate, TIP, REACH):
         assert push.T_plate_tcp.shape == (8, 4, 4)
         for T in push.T_plate_tcp:
             assert T[:3, 3] + TIP * push.normal == pytest.approx(push.point)
@@ -96,13 +96,13 @@ def test_the_tcp_is_the_tips_centre_with_z_along_the_stick_at_every_roll(plate):
 
 def test_the_stick_touches_the_plate_at_its_tip_only(plate):
     ways = np.linspace(0.001, 0.4, 200)
-    for push in generate_pushes(plate, TIP):
+    for push in generate_pushes(plate, TIP, REACH):
         centre = push.T_plate_tcp[0, :3, 3]
         assert np.all(outside(plate, centre - ways[:, None] * push.axis) > TIP)
 
 
 def test_at_the_sides_the_stick_comes_from_above_and_under_the_plate_from_below(plate):
-    for push in generate_pushes(plate, TIP):
+    for push in generate_pushes(plate, TIP, REACH):
         if push.normal[2] == 0.0:
             assert 0.0 <= push.point[2] < 0.5 * plate.height
             assert push.axis[2] < 0.0
@@ -115,7 +115,7 @@ def test_at_the_sides_the_stick_comes_from_above_and_under_the_plate_from_below(
 def test_at_the_sides_the_tip_keeps_off_the_support_where_the_plate_is_thick_enough(height):
     sides = [
         push
-        for push in generate_pushes(ConvexPrism.from_outline(rectangle(0.3, 0.3), height), TIP)
+        for push in generate_pushes(ConvexPrism.from_outline(rectangle(0.3, 0.3), height), TIP, REACH)
         if push.normal[2] == 0.0
     ]
     assert sides
@@ -126,7 +126,7 @@ def test_at_the_sides_the_tip_keeps_off_the_support_where_the_plate_is_thick_eno
 
 
 def test_the_retreat_leaves_the_plate_and_moves_the_stick_back(plate):
-    for push in generate_pushes(plate, TIP):
+    for push in generate_pushes(plate, TIP, REACH):
         assert np.linalg.norm(push.retreat) == pytest.approx(1.0)
         assert push.retreat @ push.normal < -0.1
         assert push.retreat @ push.axis < -0.1
@@ -140,7 +140,7 @@ def test_the_pushes_of_a_rectangle_are_symmetric(size, axis):
     def keys(pushes: tuple[PlatePush, ...], mirror: np.ndarray) -> set[tuple[float, ...]]:
         return {tuple(np.round([*(p.point * mirror), *(p.axis * mirror)], 9) + 0.0) for p in pushes}
 
-    pushes = generate_pushes(ConvexPrism.from_outline(rectangle(*size[:2]), size[2]), TIP)
+    pushes = generate_pushes(ConvexPrism.from_outline(rectangle(*size[:2]), size[2]), TIP, REACH)
     mirror = np.ones(3)
     mirror[axis] = -1.0
     assert keys(pushes, mirror) == keys(pushes, np.ones(3))
@@ -148,7 +148,7 @@ def test_the_pushes_of_a_rectangle_are_symmetric(size, axis):
 
 
 def test_generated_pushes_that_a_task_gives_itself_are_the_same_pushes(plate):
-    pushes = generate_pushes(plate, TIP)
+    pushes = generate_pushes(plate, TIP, REACH)
     given = [GivenPush(push.point, push.normal, push.axis) for push in pushes]
     for again, made in zip(given_pushes(given, TIP, SAMPLING.rolls), pushes, strict=True):
         assert again.index == made.index
@@ -178,7 +178,7 @@ def test_a_plate_is_pushed_at_its_sides_if_it_is_thicker_than_the_least(margin: 
     for thickness, has_room in ((least + 1e-4, True), (least - 1e-4, False)):
         plate = ConvexPrism.from_outline(rectangle(0.3, 0.3), thickness)
         half, middle = np.array([0.15 + beyond, 0.15 + beyond, 0.025]), np.array([0.0, 0.0, -0.5 * thickness - 0.025])
-        at_sides = [push for push in generate_pushes(plate, TIP, sampling) if abs(push.normal[2]) < 0.5]
+        at_sides = [push for push in generate_pushes(plate, TIP, REACH, sampling) if abs(push.normal[2]) < 0.5]
         centres = np.array([push.T_plate_tcp[0, :3, 3] for push in at_sides])
         distances = np.linalg.norm(np.maximum(np.abs(centres - middle) - half, 0.0), axis=1)
         assert (distances.min() >= TIP + margin) == has_room

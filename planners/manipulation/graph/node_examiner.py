@@ -15,7 +15,8 @@ from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, whole
 from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph
 from planners.manipulation.graph.rising_reach import RisingReach
-from planners.manipulation.reach.hand_reach import HandReach, ReachedPostures
+from planners.manipulation.reach.hand_reach import Hand
+from planners.manipulation.reach.reached_postures import ReachedPostures
 from planners.manipulation.statics.hold_balance import HandPair, HoldBalance, describe
 from planners.manipulation.statics.lift_torques import TORQUE_RESERVE
 
@@ -87,14 +88,21 @@ class NodeExaminer:
             if node % 256 == 0:
                 done(node, count)
 
-    def postures(self, pose: int, hold: HandHold, reach: NDArray[np.uint64]) -> int:
-        """Return the postures of a hold that reach a pose, as a bit set; `reach` is (poses, holds)."""
-        return int(reach[pose, hold.index]) & hold.postures
+    def postures(self, hand: Hand, pose: int, hold: HandHold) -> int:
+        """Return the postures of a hold that reach a pose, as a bit set."""
+        return self.reached.at(hand, pose, hold.index) & hold.postures
 
     def _arms_apart(self, pose: int, grip: HandHold, push: HandHold) -> bool:
-        allowed = (self.postures(pose, grip, self.reached.grip), self.postures(pose, push, self.reached.push))
-        where = self.graph.poses.poses[pose].T_world_plate[None]
-        return self.pair.compatible(where, (grip.index, push.index), allowed) is not None
+        where, holds = self.graph.poses.poses[pose].T_world_plate[None], (grip.index, push.index)
+        # Mostly those that are known suffice.
+        some = (
+            self.reached.known("grip", pose, grip.index) & grip.postures,
+            self.reached.known("push", pose, push.index) & push.postures,
+        )
+        if self.pair.compatible(where, holds, some) is not None:
+            return True
+        allowed = self.postures("grip", pose, grip), self.postures("push", pose, push)
+        return allowed != some and self.pair.compatible(where, holds, allowed) is not None
 
     def bears_torques(self, node: int) -> bool:
         """Whether each hand at an examined node has a posture whose joints bear arm, hand and contact wrenches."""
@@ -102,32 +110,33 @@ class NodeExaminer:
         answer = self.balance.at(pose, hands_of(*hands))
         assert isinstance(answer, Balanced)
         return all(
-            reach.within_torque(
-                T_world_plate[None], hold.index, self.postures(pose, hold, sets), wrench[None], com[None],
+            self.reached.hand(hand).within_torque(
+                T_world_plate[None], hold.index, self.postures(hand, pose, hold), wrench[None], com[None],
                 self.gravity, TORQUE_RESERVE,
             )
-            for T_world_plate, com, hold, reach, sets, wrench in self._exerting(pose, *hands, answer)
+            for T_world_plate, com, hand, hold, wrench in self._exerting(pose, *hands, answer)
         )  # fmt: skip
 
     def _torque(self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced) -> float:
         """Least joint torque that the hands' contact wrenches ask for, tau = J^T F, over the postures [Nm]."""
         total = 0.0
-        for T_world_plate, com, hold, reach, sets, wrench in self._exerting(pose, grip, push, answer):
-            loads = reach.loads(T_world_plate, hold.index, self.postures(pose, hold, sets), wrench, com)
+        for T_world_plate, com, hand, hold, wrench in self._exerting(pose, grip, push, answer):
+            postures = self.postures(hand, pose, hold)
+            loads = self.reached.hand(hand).loads(T_world_plate, hold.index, postures, wrench, com)
             total += float(np.fmin.reduce(loads))
         return total
 
     def _exerting(
         self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced
-    ) -> Iterator[tuple[Transform, Array, HandHold, HandReach, NDArray[np.uint64], Array]]:
-        """Yield of each hand: plate, centre of mass, hold, reach, postures, and the wrench about that centre."""
+    ) -> Iterator[tuple[Transform, Array, Hand, HandHold, Array]]:
+        """Yield of each hand: plate, centre of mass, hand, hold, and the wrench about that centre."""
         T_world_plate = self.graph.poses.poses[pose].T_world_plate
         com = T_world_plate[:3, :3] @ self.balance.balance.com + T_world_plate[:3, 3]
         wrenches = rotated(T_world_plate[:3, :3], answer.hand_wrenches)
         if grip is not None:
-            yield T_world_plate, com, grip, self.pair.first, self.reached.grip, wrenches[0]
+            yield T_world_plate, com, "grip", grip, wrenches[0]
         if push is not None:
-            yield T_world_plate, com, push, self.pair.second, self.reached.push, wrenches[1]
+            yield T_world_plate, com, "push", push, wrenches[1]
 
     def forget_ruled_out(self) -> None:
         """Mark the nodes that proofs of imbalance have ruled out since."""

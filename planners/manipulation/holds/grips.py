@@ -23,7 +23,7 @@ class GripSampling:
     """Which grips are generated."""
 
     count: int = 30
-    """Grips on a rim of 1.2 m (paper B, Table III, AB); other rims: `rim.station_count`."""
+    """Grips on the rim of paper B's square (Table III, AB); else see `rim.station_count`."""
     depth: float = 0.018
     """From the side face to the middle of the pads [m]: nearly half a pad of the 2F-85; our choice."""
     palm_clearance: float = 0.005
@@ -111,19 +111,26 @@ def least_opening(plate: ConvexPrism, friction: float) -> float:
 
 
 def generate_grips(
-    plate: ConvexPrism, jaw: Jaw, *, cup: CupFootprint | None = None, sampling: GripSampling | None = None
+    plate: ConvexPrism, jaw: Jaw, reach: float, *, cup: CupFootprint | None = None, sampling: GripSampling | None = None
 ) -> tuple[PlateGrip, ...]:
     """Spread grips evenly along the rim, square to the side faces, fingers on top and bottom.
 
     Left out are grips whose pad would stick out at a corner or meet the cup's pad; none is left on a plate that the
     gripper does not open for.
+
+    Args:
+        plate: what is gripped.
+        jaw: of the gripper.
+        reach: of its arm, as its maker states it [m].
+        cup: what covers the plate.
+        sampling: how many grips, and how deep.
     """
     sampling = (sampling or GripSampling()).in_jaw(jaw)
     if plate.height > jaw.width_max - sampling.opening_clearance:
         return ()
     stations = [
         station
-        for station in _stations(plate, jaw, sampling)
+        for station in _stations(plate, jaw, sampling, reach)
         if cup is None or _pad_distance(station, jaw, sampling, cup) >= cup.radius + sampling.cup_clearance
     ]
     return tuple(
@@ -134,7 +141,9 @@ def generate_grips(
     )
 
 
-def lack_of_grips(plate: ConvexPrism, jaw: Jaw, cup: CupFootprint | None, sampling: GripSampling) -> Rejection:
+def lack_of_grips(
+    plate: ConvexPrism, jaw: Jaw, reach: float, cup: CupFootprint | None, sampling: GripSampling
+) -> Rejection:
     """Say why `generate_grips` finds no place: the plate is too thick, too small, or the cup covers what is left."""
     needed = plate.height + sampling.opening_clearance
     if needed > jaw.width_max:
@@ -143,7 +152,7 @@ def lack_of_grips(plate: ConvexPrism, jaw: Jaw, cup: CupFootprint | None, sampli
             f"{1e3 * jaw.width_max:.1f} mm"
         )
         return Rejection("sampling", reason, needed=needed, available=jaw.width_max, unit="m")
-    if cup is None or not _stations(plate, jaw, sampling.in_jaw(jaw)):
+    if cup is None or not _stations(plate, jaw, sampling.in_jaw(jaw), reach):
         return Rejection("sampling", "the plate is too small for the pads")
     return Rejection("sampling", "the cup is where the pads would be")
 
@@ -153,12 +162,12 @@ def given_grips(given: Sequence[GivenGrip], plate: ConvexPrism) -> tuple[PlateGr
     return tuple(_level_grip(index, grip.position, grip.approach, plate.height) for index, grip in enumerate(given))
 
 
-def _stations(plate: ConvexPrism, jaw: Jaw, sampling: GripSampling) -> Sequence[RimStation]:
+def _stations(plate: ConvexPrism, jaw: Jaw, sampling: GripSampling, reach: float) -> Sequence[RimStation]:
     """Spread places along the rim at which a pad lies on the face."""
     across, along = jaw.pad_size
     depth_to = sampling.depth + 0.5 * along
     patch = RimPatch(0.5 * across, min(sampling.rim_tolerance, depth_to), depth_to)
-    return rim_stations(plate.outline, sampling.count, patch)
+    return rim_stations(plate.outline, sampling.count, patch, reach)
 
 
 def _level_grip(index: int, position: Array, approach: Array, height: float) -> PlateGrip:

@@ -28,7 +28,7 @@ class PushSampling:
     """
 
     count: int = 16
-    """Stations on a rim of 1.2 m; times four pushes the 64 of paper B, Table III; other rims: `rim.station_count`."""
+    """Stations on the rim of paper B's square, times four pushes its 64 (Table III); else see `rim.station_count`."""
     corner_margin: float = 0.015
     """Least distance of a contact from the neighbouring sides [m]: a tip and a half; our choice."""
     tip_clearance: float = 0.005
@@ -80,7 +80,7 @@ class PlatePush:
 
 
 def generate_pushes(
-    plate: ConvexPrism, tip_radius: float, sampling: PushSampling | None = None
+    plate: ConvexPrism, tip_radius: float, reach: float, sampling: PushSampling | None = None
 ) -> tuple[PlatePush, ...]:
     """Spread pushes evenly along the rim: on the side faces, and under the plate near the rim.
 
@@ -91,6 +91,7 @@ def generate_pushes(
     Args:
         plate: what is pushed.
         tip_radius: of the stick's hemispherical tip [m].
+        reach: of the arm that has the stick, as its maker states it [m].
         sampling: how many, where and from which directions.
     """
     sampling = sampling or PushSampling()
@@ -101,7 +102,7 @@ def generate_pushes(
     )
     contacts = [
         contact
-        for station in rim_stations(plate.outline, sampling.count, patch)
+        for station in rim_stations(plate.outline, sampling.count, patch, reach)
         for contact in (*_side_contacts(station, height, sampling), *_bottom_contacts(station, plate, sampling))
         if _angle(contact[2], contact[1]) <= sampling.axis_angle_max + 1e-9
     ]

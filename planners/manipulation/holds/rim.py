@@ -10,8 +10,9 @@ import numpy as np
 from planners.geometry.polygon import centroid, inward_normals, side_directions, side_lengths
 from planners.geometry.pose import Array
 
-REFERENCE_RIM = 1.2
-"""Length of rim at which a sampling takes its stated count: the 0.3 m square of paper B [m]."""
+REFERENCE_RIM = 2.4
+"""Length of rim at which a sampling takes its stated count, over what the arm reaches by its data sheet [1]: the 0.3 m
+square of paper B, and its arms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,17 +40,23 @@ class RimPatch:
     """[m]"""
 
 
-def station_count(reference_count: int, rim: float) -> int:
-    """Return how many stations a rim of this length [m] gets: the largest even count within √rim of the reference.
+def station_count(reference_count: int, rim: float, reach: float) -> int:
+    """Return how many stations a rim gets: the largest even count within √rim of the reference.
 
     The spacing grows with the square root of the plate's size, and an even count lets the stations be symmetric about
     both axes of a plate. 30 grips and 16 push stations on paper B's 0.3 m square make 36 and 18 on its 0.4 by 0.5 m
-    plate, which are the paper's counts (Table III).
+    plate, which are the paper's counts (Table III). What an arm can do from one place to the next along a rim changes
+    the less, the larger the arm is: a plate and an arm that are both twice as large have as many stations.
+
+    Args:
+        reference_count: stations on the rim of the paper's plate.
+        rim: its length [m].
+        reach: of the arm that comes to it, as its maker states it [m].
     """
-    return 2 * math.floor(0.5 * reference_count * math.sqrt(rim / REFERENCE_RIM) + 1e-9)
+    return 2 * math.floor(0.5 * reference_count * math.sqrt(rim / (REFERENCE_RIM * reach)) + 1e-9)
 
 
-def rim_stations(outline: Array, reference_count: int, patch: RimPatch) -> tuple[RimStation, ...]:
+def rim_stations(outline: Array, reference_count: int, patch: RimPatch, reach: float) -> tuple[RimStation, ...]:
     """Spread stations evenly over the part of the rim where the patch lies within the outline.
 
     They are symmetric about the plate's x axis whenever the outline is, and about its y axis if it is about both.
@@ -58,6 +65,7 @@ def rim_stations(outline: Array, reference_count: int, patch: RimPatch) -> tuple
         outline: (n, 2) corners, counter-clockwise [m].
         reference_count: stations on the rim of the paper's plate.
         patch: that a finger presses on.
+        reach: of the arm, as its maker states it [m].
 
     Returns:
         The stations, counter-clockwise from the first side; none where the patch fits nowhere.
@@ -65,7 +73,7 @@ def rim_stations(outline: Array, reference_count: int, patch: RimPatch) -> tuple
     usable = np.array([_usable(outline, side, patch) for side in range(len(outline))])
     ends = np.cumsum(usable[:, 1] - usable[:, 0])
     total = float(ends[-1])
-    count = station_count(reference_count, float(np.sum(side_lengths(outline))))
+    count = station_count(reference_count, float(np.sum(side_lengths(outline))), reach)
     if total <= 0.0 or count == 0:
         return ()
     starts = ends - (usable[:, 1] - usable[:, 0])

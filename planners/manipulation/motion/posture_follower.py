@@ -15,7 +15,8 @@ from planners.geometry.pose import Array
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
 from planners.manipulation.holds.grips import PlateGrip
 from planners.manipulation.holds.pushes import PlatePush
-from planners.manipulation.reach.hand_reach import Hand, HandReach, PlateQuery, ReachedPostures
+from planners.manipulation.reach.hand_reach import Hand, HandReach, PlateQuery
+from planners.manipulation.reach.reached_postures import ReachedPostures
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class PostureFollower:
         key = (number, hand, index, alone)
         if key not in self._along:
             i, j = self.poses.edges[number]
-            both = int(self.reached.of(hand)[i, index] & self.reached.of(hand)[j, index])
+            both = self.reached.at(hand, i, index) & self.reached.at(hand, j, index)
             query = self.with_idle[hand] if alone else self.hand(hand).alone
             self._along[key] = self.hand(hand).track(self.samples(number), index, both, query) if both else 0
         return self._along[key]
@@ -118,7 +119,7 @@ class PostureFollower:
         if key not in self._approach:
             carriers = self.approach_carriers(self.poses.poses[pose].T_world_plate, hand, index)
             plates = np.repeat(self.poses.poses[pose].T_world_plate[None], len(carriers), axis=0)
-            allowed = int(self.reached.of(hand)[pose, index])
+            allowed = self.reached.at(hand, pose, index)
             self._approach[key] = self.hand(hand).track(plates, index, allowed, self.opened[hand], carriers)
         return self._approach[key]
 

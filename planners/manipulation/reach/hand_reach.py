@@ -132,6 +132,8 @@ class HandReach:
         T_world_plates: Array,
         holds: slice | NDArray[np.intp] = slice(None),
         among: NDArray[np.uint64] | None = None,
+        *,
+        any_one: bool = False,
     ) -> NDArray[np.uint64]:
         """Return the (poses, holds) sets of postures that reach each pose and are free of collision there.
 
@@ -139,12 +141,14 @@ class HandReach:
             T_world_plates: (poses, 4, 4).
             holds: which of the holds; all if left out.
             among: (poses, holds) sets of those that are asked for; all if left out.
+            any_one: whether one posture of each set is enough.
         """
         T_plate_flange = self.T_plate_flange[holds]
         shape = len(T_world_plates), len(T_plate_flange)
         result = np.full(shape, ALL_POSTURES, np.uint64) if among is None else among.copy()
         q = self.start_positions.copy()
-        _reach(self.kernel, self.alone.kernel(), self.hand_only.kernel(), T_world_plates, T_plate_flange, q, result)
+        queries = self.alone.kernel(), self.hand_only.kernel()
+        _reach(self.kernel, queries, T_world_plates, T_plate_flange, q, any_one, result)
         return result
 
     def hindrance(self, T_world_plate: Transform, hold: int) -> Hindrance | None:
@@ -276,10 +280,10 @@ class PairReach:
     between: PlateQuery
     """The two arms against one another."""
 
-    def postures(
+    def some_postures(
         self, T_world_plates: Array, done: Callable[[int], None]
     ) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-        """Return the (poses, holds) sets of postures of both hands, as `HandReach.postures`.
+        """Return (poses, holds) sets of both hands: of each that `HandReach.postures` has, one posture if there is any.
 
         Args:
             T_world_plates: (poses, 4, 4).
@@ -289,7 +293,8 @@ class PairReach:
         # The compiled part lets go of the interpreter, so that two threads use two cores.
         threads = ThreadPoolExecutor(2)
         try:
-            found = [[threads.submit(hand.postures, block) for hand in (self.first, self.second)] for block in blocks]
+            hands = (self.first, self.second)
+            found = [[threads.submit(hand.postures, block, any_one=True) for hand in hands] for block in blocks]
             sets = []
             for number, both in enumerate(found, start=1):
                 sets.append([future.result() for future in both])
@@ -314,30 +319,6 @@ class PairReach:
         return None if found < 0 else (int(found) // 64, int(found) % 64)
 
 
-@dataclass(frozen=True, eq=False)
-class ReachedPostures:
-    """Which postures of which hold reach which pose of the plate."""
-
-    pair: PairReach
-    grip: NDArray[np.uint64]
-    """(poses, grips) bit sets of the gripping hand's postures."""
-    push: NDArray[np.uint64]
-    """(poses, pushes), likewise of the pushing hand's."""
-
-    @property
-    def sets(self) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-        """Both tables (poses, holds), the gripping hand's first."""
-        return self.grip, self.push
-
-    def of(self, hand: Hand) -> NDArray[np.uint64]:
-        """Return the table (poses, holds) of a hand."""
-        return self.grip if hand == "grip" else self.push
-
-    def hand(self, hand: Hand) -> HandReach:
-        """Return what a hand can be asked."""
-        return self.pair.first if hand == "grip" else self.pair.second
-
-
 def bits(postures: int) -> list[int]:
     """List the members of a bit set."""
     return [bit for bit in range(64) if postures >> bit & 1]
@@ -355,9 +336,10 @@ def _collisions_at(placed, T_world_plates, q):
 
 
 @njit(cache=True, nogil=True)
-def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, sets):
+def _reach(arm, queries, T_world_plates, T_plate_flange, q, any_one, sets):
+    """Leave in `sets` the postures that reach; of each hold that has any, no more than the first if `any_one`."""
     dh, T_base_world, lo, hi, first_joint = arm
-    (kernel, frame), (hand, hand_frame) = alone, hand_only
+    (kernel, frame), (hand, hand_frame) = queries
     scratch, hand_scratch = make_scratch(kernel), make_scratch(hand)
     T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
     for p in range(T_world_plates.shape[0]):
@@ -367,6 +349,8 @@ def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, sets):
         for h in range(T_plate_flange.shape[0]):
             asked, found = sets[p, h], np.uint64(0)
             for v in range(T_plate_flange.shape[1]):
+                if any_one and found:
+                    break
                 branches = np.int64((asked >> np.uint64(8 * v)) & np.uint64(255))
                 if branches == 0:
                     continue
@@ -383,6 +367,8 @@ def _reach(arm, alone, hand_only, T_world_plates, T_plate_flange, q, sets):
                         hand_checked = True
                     if first_collision(kernel, q, scratch) < 0:
                         found |= np.uint64(1) << np.uint64(8 * v + branch)
+                        if any_one:
+                            break
             sets[p, h] = found
 
 

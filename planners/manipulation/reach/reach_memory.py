@@ -36,7 +36,7 @@ class ReachMemory:
     def postures(
         self, workcell: LiftWorkcell, pair: PairReach, T_world_plates: Array
     ) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-        """Return what `PairReach.postures` does, and remember it.
+        """Return what `HandReach.postures` does of both hands, and remember it.
 
         Args:
             workcell: of the lift.
