@@ -18,7 +18,7 @@ MAX_QUEUED = 12
 
 @pytest.fixture(scope="module")
 def place(request: pytest.FixtureRequest) -> Iterator[dict[str, str]]:
-    """Settings of the database: SQLite, or what `on_both_databases` says."""
+    """Settings of the database: SQLite, or what `on_one_or_both_databases` says."""
     with database_at(getattr(request, "param", "sqlite")) as settings:
         yield settings
 
