@@ -30,6 +30,8 @@ FAKE_EXAMINER = (sys.executable, "-m", "tests.support.fake_examiner")
 STARTUP_SECONDS = 900.0
 PATIENCE_SECONDS = 300.0
 """How long tests wait where no time is promised: a busy machine may take long, and is no fault of ours."""
+SHORTEST_PAUSE, LONGEST_PAUSE = 0.02, 0.1
+"""Between two looks at what is waited for, the longer the wait: looks keep a machine busy, too [s]."""
 T = TypeVar("T")
 
 
@@ -78,7 +80,9 @@ class ServiceProcess:
             call_warm(self._data_dir, self._solver)
         fresh = self._fresh or (self._solver is None and sample(quick=False, whole=True))
         self.process = launch(words, self._environment, module=self._module, fresh=fresh)
-        wait_for(self._ready, STARTUP_SECONDS)
+        # A client takes long to make.
+        with self.client() as client:
+            wait_for(lambda: self._ready(client), STARTUP_SECONDS)
         return self
 
     def kill(self) -> None:
@@ -99,11 +103,11 @@ class ServiceProcess:
         assert self.process is not None
         return psutil.Process(self.process.pid).children(recursive=True)
 
-    def _ready(self) -> bool:
+    def _ready(self, client: httpx.Client) -> bool:
         assert self.process is not None
         assert self.process.poll() is None, "the service ended instead of getting ready"
         try:
-            return httpx.get(f"{self.address}/readyz").status_code == 200
+            return client.get("/readyz").status_code == 200
         except httpx.TransportError:
             return False
 
@@ -152,10 +156,11 @@ def call_warm(data_dir: Path, solver: tuple[str, ...]) -> None:
 
 def wait_for(holds: Callable[[], T], seconds: float = PATIENCE_SECONDS) -> T:
     """Wait until `holds()` is true, and return what it returned; `seconds` are given where they are promised."""
-    deadline = time.monotonic() + seconds
+    deadline, pause = time.monotonic() + seconds, SHORTEST_PAUSE
     while not (held := holds()):
         assert time.monotonic() < deadline, f"did not hold within {seconds} s"
-        time.sleep(0.02)
+        time.sleep(pause)
+        pause = min(1.2 * pause, LONGEST_PAUSE)
     return held
 
 

@@ -57,7 +57,7 @@ def planned(
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with running_browser() as browser:
+    with running_browser(draws=True) as browser:
         yield browser
 
 
@@ -92,10 +92,8 @@ def open_page(browser: Browser, service: ServiceProcess) -> Iterator[Callable[..
 
 @pytest.fixture(scope="module")
 def loaded(open_page: Callable[..., Page]) -> Page:
-    """Return a window with a lift, its scene drawn, for all tests that need no other one."""
-    page = open_page("?example=ab1")
-    wait_for_scene(page)
-    return page
+    """Return a window with a lift, its scene not drawn, for all tests that need no other one."""
+    return open_page("?example=ab1", drawn=False)
 
 
 @pytest.fixture
@@ -164,7 +162,7 @@ def plan_solved(page: Page) -> None:
     expect(page.locator("#plan-status .badge")).to_have_text("solved", timeout=LOADING_MILLISECONDS)
 
 
-def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page: Callable[..., Page]) -> None:
+def test_a_task_is_made_by_mouse_alone_from_an_empty_scene(open_page: Callable[..., Page]) -> None:
     page = open_page("")
     wait_for_scene(page)
     assert draft(page) == {"kind": "plate_lift"}
@@ -187,6 +185,19 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page
     drag(page, cup, cup + np.array([-0.03, 0.02, 0.0]))
     assert draft(page)["cup"]["position"] == pytest.approx([0.07, 0.02], abs=UNDER_THE_POINTER)
     assert np.array(draft(page)["plate_pose"]) == pytest.approx(after), "the plate stays where it is"
+    wait_for_verdict(page, accepted=True)
+    page.context.close()
+
+
+@pytest.mark.slow
+def test_a_task_is_planned_by_mouse_alone_and_its_path_is_followed_as_the_task_changes(
+    open_page: Callable[..., Page],
+) -> None:
+    page = open_page("", drawn=False)
+    page.locator("#add-plate").click()
+    page.locator("#add-cup").click()
+    wait_for_verdict(page, accepted=True)
+    page.evaluate("editor.draft.set('/cup/position', [0.07, 0.02])")
     page.evaluate("editor.draft.set('/options', { simulate: false })")
     wait_for_verdict(page, accepted=True)
     page.locator("#plan").click()
@@ -199,7 +210,6 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page
         page.keyboard.press("ArrowUp")
     expect(page.locator("#feasibility")).to_contain_text("the plate is not held")
     page.locator("#undo").click(click_count=1)
-    draw_no_scene(page)
     page.locator("#watch").click()
     page.frame_locator("#watch-frame").locator("#outcome.solved").wait_for()
     page.context.close()
