@@ -31,7 +31,8 @@ STARTUP_SECONDS = 900.0
 PATIENCE_SECONDS = 300.0
 """How long tests wait where no time is promised: a busy machine may take long, and is no fault of ours."""
 SHORTEST_PAUSE, LONGEST_PAUSE = 0.02, 0.1
-"""Between two looks at what is waited for, the longer the wait: looks keep a machine busy, too [s]."""
+"""Between two looks at what is waited for, the longer the wait; looks keep a machine busy, too. Where a second is
+promised they stay short [s]."""
 T = TypeVar("T")
 
 
@@ -157,10 +158,11 @@ def call_warm(data_dir: Path, solver: tuple[str, ...]) -> None:
 def wait_for(holds: Callable[[], T], seconds: float = PATIENCE_SECONDS) -> T:
     """Wait until `holds()` is true, and return what it returned; `seconds` are given where they are promised."""
     deadline, pause = time.monotonic() + seconds, SHORTEST_PAUSE
+    longest = min(LONGEST_PAUSE, SHORTEST_PAUSE * max(seconds, 1.0))
     while not (held := holds()):
         assert time.monotonic() < deadline, f"did not hold within {seconds} s"
         time.sleep(pause)
-        pause = min(1.2 * pause, LONGEST_PAUSE)
+        pause = min(1.2 * pause, longest)
     return held
 
 
