@@ -7,6 +7,8 @@ PART ?=
 CORES := --numprocesses auto --dist loadfile --no-loadscope-reorder
 # There is a process for each core already.
 export OPENBLAS_NUM_THREADS := 1
+# Dozens of processes read the same modules: whoever wants none compiled on disk, as images of containers do, waits for each.
+export PYTHONDONTWRITEBYTECODE :=
 
 .DEFAULT_GOAL := help
 .PHONY: help setup demo demo-robot test test-all check format openapi fleet bench clean

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+from collections.abc import Iterator
 
 import pytest
 from support import samples
@@ -38,6 +40,22 @@ def pytest_configure(config: pytest.Config) -> None:
     """Test no kernel that was compiled before the last change of any source; tests keep none of their own."""
     samples.take(whole=config.option.whole)
     forget_stale_kernels()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Look for no garbage in what is imported and collected: all of it stays, and there is more and more to look at."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+
+
+def pytest_unconfigure() -> None:
+    """Let go of it all in order, as what is compiled asks for."""
+    gc.unfreeze()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

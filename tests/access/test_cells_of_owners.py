@@ -12,6 +12,7 @@ import httpx
 import pytest
 from access.conftest import GuardedService
 from support.own_cell import station
+from support.own_service import sparing_repeats
 from support.service import finished, task
 from websockets.sync.client import ClientConnection, connect
 
@@ -27,6 +28,12 @@ from workers.stores.database import open_database
 TASK = task("pb1.json", plate_pose=[0.6, 0.0, 0.922, 1, 0, 0, 0], options={"simulate": False}, cell="station")
 LOWER = 0.05
 """So much lower the stranger's table is [m]."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _examined_once() -> Iterator[None]:
+    with sparing_repeats():
+        yield
 
 
 def station_of(owner: str) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import pytest
 
@@ -37,59 +38,59 @@ def held_by_cvxpy(lift: Lift) -> bool:
     return statement.is_feasible
 
 
+@cache
 def balanced() -> list[tuple[Lift, Balanced]]:
+    """Return random lifts that are held, with how; those that are not are none."""
     lifts = [random_lift(seed, model, points, grip=True, push=True) for seed, model, points in SEEDS]
     return [(lift, answer) for lift in lifts if isinstance(answer := lift.solve(), Balanced)]
 
 
-@pytest.mark.parametrize(("lift", "planned"), balanced())
-def test_the_reserve_is_the_largest_whole_step_that_cvxpy_finds_forces_for(lift: Lift, planned: Balanced) -> None:
-    scale = ReserveScale(lift.balance)
-    reserve, forces = scale.forces_keeping_most(planned, 0.0)
-    steps = round(reserve * STEPS)
-    assert reserve == pytest.approx(steps / STEPS)
-    assert held_by_cvxpy(keeping(lift, reserve))
-    if steps + 1 < STEPS:
-        assert not held_by_cvxpy(keeping(lift, (steps + 1) / STEPS))
-    # The forces keep as much back as is said: they are within the smaller limits.
-    smaller = keeping(lift, reserve).plate
-    assert forces.suction_force <= smaller.cup.max_force + 1e-6
-    assert forces.f_plus_gp <= smaller.limits.normal + 1e-6
+def test_the_reserve_is_the_largest_whole_step_that_cvxpy_finds_forces_for() -> None:
+    for lift, planned in balanced():
+        scale = ReserveScale(lift.balance)
+        reserve, forces = scale.forces_keeping_most(planned, 0.0)
+        steps = round(reserve * STEPS)
+        assert reserve == pytest.approx(steps / STEPS)
+        assert held_by_cvxpy(keeping(lift, reserve))
+        if steps + 1 < STEPS:
+            assert not held_by_cvxpy(keeping(lift, (steps + 1) / STEPS))
+        # The forces keep as much back as is said: they are within the smaller limits.
+        smaller = keeping(lift, reserve).plate
+        assert forces.suction_force <= smaller.cup.max_force + 1e-6
+        assert forces.f_plus_gp <= smaller.limits.normal + 1e-6
 
 
-@pytest.mark.parametrize(("lift", "planned"), balanced()[:6])
-def test_what_can_be_held_with_a_reserve_can_be_held_with_any_smaller_one(lift: Lift, planned: Balanced) -> None:
-    reserve, _ = ReserveScale(lift.balance).forces_keeping_most(planned, 0.0)
-    for share in (0.0, 0.3, 0.7, 0.99):
-        assert isinstance(keeping(lift, share * reserve).solve(), Balanced)
+def test_what_can_be_held_with_a_reserve_can_be_held_with_any_smaller_one() -> None:
+    for lift, planned in balanced()[:6]:
+        reserve, _ = ReserveScale(lift.balance).forces_keeping_most(planned, 0.0)
+        for share in (0.0, 0.3, 0.7, 0.99):
+            assert isinstance(keeping(lift, share * reserve).solve(), Balanced)
 
 
-@pytest.mark.parametrize(("lift", "planned"), balanced())
-def test_joints_are_named_where_forces_could_keep_more_back_and_nowhere_else(lift: Lift, planned: Balanced) -> None:
-    scale = ReserveScale(lift.balance)
-    reserve, _ = scale.forces_keeping_most(planned, 0.0)
-    for steps in range(round(reserve * STEPS)):
-        assert scale.limit(planned.held, steps / STEPS) == JOINTS
-    assert scale.limit(planned.held, reserve) != JOINTS
+def test_joints_are_named_where_forces_could_keep_more_back_and_nowhere_else() -> None:
+    for lift, planned in balanced():
+        scale = ReserveScale(lift.balance)
+        reserve, _ = scale.forces_keeping_most(planned, 0.0)
+        for steps in range(round(reserve * STEPS)):
+            assert scale.limit(planned.held, steps / STEPS) == JOINTS
+        assert scale.limit(planned.held, reserve) != JOINTS
 
 
-@pytest.mark.parametrize(("lift", "planned"), balanced())
-def test_more_of_what_is_named_of_a_cup_would_do_and_dex_net_s_pull_is_named_only_where_friction_would_not(
-    lift: Lift, planned: Balanced
-) -> None:
+def test_more_of_what_is_named_of_a_cup_would_do_and_dex_net_s_pull_is_named_only_where_friction_would_not() -> None:
     """Friction of Dex-Net's pad grows with the cup's force, so that more of that force is more of both."""
-    scale = ReserveScale(lift.balance)
-    reserve, _ = scale.forces_keeping_most(planned, 0.0)
-    beyond = keeping(lift, min((round(reserve * STEPS) + 1) / STEPS, 1.0 - 1.0 / STEPS))
-    plate = beyond.plate
-    rougher = replace(beyond, plate=replace(plate, cup=replace(plate.cup, mu=lift.plate.cup.mu)))
-    stronger = replace(beyond, plate=replace(plate, cup=replace(plate.cup, max_force=lift.plate.cup.max_force)))
-    named = scale.limit(planned.held, reserve)
-    if named == "cup: friction":
-        assert held_by_cvxpy(rougher)
-    if named == "cup: pull":
-        assert held_by_cvxpy(stronger)
-        assert plate.lifter_model != "dexnet" or not held_by_cvxpy(rougher)
+    for lift, planned in balanced():
+        scale = ReserveScale(lift.balance)
+        reserve, _ = scale.forces_keeping_most(planned, 0.0)
+        beyond = keeping(lift, min((round(reserve * STEPS) + 1) / STEPS, 1.0 - 1.0 / STEPS))
+        plate = beyond.plate
+        rougher = replace(beyond, plate=replace(plate, cup=replace(plate.cup, mu=lift.plate.cup.mu)))
+        stronger = replace(beyond, plate=replace(plate, cup=replace(plate.cup, max_force=lift.plate.cup.max_force)))
+        named = scale.limit(planned.held, reserve)
+        if named == "cup: friction":
+            assert held_by_cvxpy(rougher)
+        if named == "cup: pull":
+            assert held_by_cvxpy(stronger)
+            assert plate.lifter_model != "dexnet" or not held_by_cvxpy(rougher)
 
 
 def test_forces_that_keep_as_much_as_there_can_be_stay_as_they_were_planned() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from support.documents import plan_of
 from support.lift_documents import contact, lift, lift_document, segment, simulation
-from support.service import FAKE_SOLVER, ROOT, TASKS, task
+from support.service import FAKE_SOLVER, ROOT, TASKS, task, unsolved_task
 from support.serving import served
 from support.tool_documents import tool_simulation
 
@@ -50,8 +50,10 @@ def test_help_names_both_kinds_of_tasks_and_examples_that_are_there(capsys: pyte
         assert path.stem in told
 
 
-def test_a_task_without_a_plan_is_2_and_says_why(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", str(TASKS / "pb1_weak_cup.json")]) == 2
+def test_a_task_without_a_plan_is_2_and_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "task.json"
+    path.write_text(json.dumps(unsolved_task("pb1_weak_cup")))
+    assert main(["plan", str(path)]) == 2
     told = capsys.readouterr().out
     assert "infeasible" in told
     assert " N" in told

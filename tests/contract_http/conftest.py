@@ -18,7 +18,7 @@ MAX_QUEUED = 12
 
 @pytest.fixture(scope="module")
 def place(request: pytest.FixtureRequest) -> Iterator[dict[str, str]]:
-    """Settings of the database: SQLite, or what `on_both_databases` says."""
+    """Settings of the database: SQLite, or what `on_one_or_both_databases` says."""
     with database_at(getattr(request, "param", "sqlite")) as settings:
         yield settings
 
@@ -33,11 +33,17 @@ def address(tmp_path_factory: pytest.TempPathFactory, place: dict[str, str]) -> 
         yield address
 
 
-@pytest.fixture
-def client(address: str) -> Iterator[httpx.Client]:
-    """Talk to it; what a test leaves unfinished is cancelled."""
+@pytest.fixture(scope="module")
+def connection(address: str) -> Iterator[httpx.Client]:
+    """Talk to it."""
     with httpx.Client(base_url=address, timeout=120.0) as client:
         yield client
-        for plan in client.get("/v1/plans", params={"page_size": 200}).json()["plans"]:
-            if not plan["done"]:
-                client.post(plan["links"]["cancel"])
+
+
+@pytest.fixture
+def client(connection: httpx.Client) -> Iterator[httpx.Client]:
+    """Talk to it; what a test leaves unfinished is cancelled."""
+    yield connection
+    for state in ("queued", "running"):
+        for plan in connection.get("/v1/plans", params={"page_size": 200, "state": state}).json()["plans"]:
+            connection.post(plan["links"]["cancel"])

@@ -6,6 +6,7 @@ import io
 import json
 import time
 import zipfile
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -13,12 +14,19 @@ import httpx
 import numpy as np
 import pytest
 from support.own_cell import station, station_files, written, zipped
+from support.own_service import sparing_repeats
 from support.service import task
 
 from planners.cell.cell import known_cells
 
 ZIP = {"Content-Type": "application/zip"}
 TASK = task("pb1.json", plate_pose=[0.6, 0.0, 0.922, 1, 0, 0, 0], options={"simulate": False})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _examined_once() -> Iterator[None]:
+    with sparing_repeats():
+        yield
 
 
 def add(client: httpx.Client, description: dict[str, Any] | None = None) -> dict[str, Any]:

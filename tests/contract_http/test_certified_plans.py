@@ -9,14 +9,14 @@ from typing import Any
 
 import httpx
 import pytest
-from support.places import on_both_databases
+from support.places import on_one_or_both_databases
 from support.receiver import Receiver, running_receiver
 from support.service import FAKE_SOLVER, finished, task, wait_for
 from support.serving import served
 
 from app.settings import ServiceSettings
 
-pytestmark = on_both_databases
+pytestmark = on_one_or_both_databases
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,8 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,7 @@ SCHEMATHESIS = "import sys; sys.setswitchinterval(10); from schemathesis.cli imp
 """Python 3.11 counts the depth of a syntax tree wrongly if another thread gets its turn meanwhile (gh-106905)."""
 
 
+@cache
 def described() -> dict[str, Any]:
     return create_app(ServiceSettings(), with_worker=False).openapi()
 
@@ -58,10 +61,10 @@ def test_every_operation_says_who_may_call_and_how_errors_are_told() -> None:
                 assert (status < "400") or list(answer["content"]) == ["application/problem+json"], where
 
 
-@pytest.mark.parametrize("schema", [plan_schema(), task_schema(), scan_schema(), SceneDocument.model_json_schema()])
-def test_no_two_schemas_of_the_description_have_one_name(schema: dict[str, Any]) -> None:
+@pytest.mark.parametrize("schema", [plan_schema, task_schema, scan_schema, SceneDocument.model_json_schema])
+def test_no_two_schemas_of_the_description_have_one_name(schema: Callable[[], dict[str, Any]]) -> None:
     told = described()["components"]["schemas"]
-    for name, part in schema["$defs"].items():
+    for name, part in schema()["$defs"].items():
         assert set(part.get("properties", {})) == set(told[name].get("properties", {})), name
 
 

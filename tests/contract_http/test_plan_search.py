@@ -7,7 +7,7 @@ from typing import Any
 
 import httpx
 import pytest
-from support.places import on_both_databases
+from support.places import on_one_or_both_databases
 from support.service import finished, task, wait_for
 
 from app.resources.queries import PlanQuery
@@ -48,7 +48,7 @@ def found(client: httpx.Client, **query: Any) -> list[dict[str, Any]]:
         token = {"page_token": page["next_page_token"]}
 
 
-@on_both_databases
+@on_one_or_both_databases
 @pytest.mark.parametrize(
     "query",
     [
@@ -80,7 +80,7 @@ def test_names_are_found_in_capitals_or_not_whatever_their_letters_are(client: h
         assert [each["id"] for each in found(client, name=name)] == [plan["id"]], name
 
 
-@on_both_databases
+@on_one_or_both_databases
 @pytest.mark.parametrize("name", ["order", "ORDER-7", "r-8", "%", "_", "no such name"])
 def test_a_part_of_a_name_finds_what_a_look_at_all_plans_finds(
     client: httpx.Client, plans: list[dict[str, Any]], name: str
@@ -92,12 +92,12 @@ def test_a_part_of_a_name_finds_what_a_look_at_all_plans_finds(
     assert {plan["id"] for plan in plans} <= set(told)
 
 
-@on_both_databases
+@on_one_or_both_databases
 def test_the_beginning_of_an_id_finds_its_plan(client: httpx.Client, plans: list[dict[str, Any]]) -> None:
     assert [plan["id"] for plan in found(client, name=plans[0]["id"][:12].upper())] == [plans[0]["id"]]
 
 
-@on_both_databases
+@on_one_or_both_databases
 def test_times_divide_all_plans_into_those_before_and_those_from_then_on(
     client: httpx.Client, plans: list[dict[str, Any]]
 ) -> None:
@@ -108,7 +108,7 @@ def test_times_divide_all_plans_into_those_before_and_those_from_then_on(
     assert plans[1]["id"] in {plan["id"] for plan in before}
 
 
-@on_both_databases
+@on_one_or_both_databases
 def test_who_waits_is_told_a_place_and_the_next_one_comes_after(
     client: httpx.Client, plans: list[dict[str, Any]]
 ) -> None:

@@ -13,7 +13,7 @@ from planners.contract.task_spec import UNION_TAGS, read_task, task_schema
 
 ROOT = Path(__file__).parents[2]
 AB1 = json.loads((ROOT / "assets/tasks/ab1.json").read_text())
-CASES = yaml.safe_load((ROOT / "tests/problems/task_spec_refusals.yaml").read_text())
+CASES = yaml.load((ROOT / "tests/problems/task_spec_refusals.yaml").read_text(), yaml.CSafeLoader)
 
 
 def step_to(body, pointer):

@@ -13,6 +13,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from support.old_tables import back_to_the_first_version
 from support.postgres import needs_postgres, running_postgres
+from support.samples import sample
 from support.service import ROOT, task
 
 from workers.settings import WorkerSettings
@@ -22,7 +23,7 @@ from workers.stores.migrations import LATEST, REVISION_TABLE, VERSION_TABLE, Dat
 from workers.stores.plan_store import PlanStore
 from workers.stores.tables import METADATA, PLANS
 
-AT_ONCE = 3
+AT_ONCE = sample(quick=2, whole=3)
 START = """
 import sys
 from pathlib import Path

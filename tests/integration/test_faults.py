@@ -55,6 +55,7 @@ def gone(processes: list[psutil.Process]) -> bool:
     return not any(process.is_running() and process.status() != psutil.STATUS_ZOMBIE for process in processes)
 
 
+@pytest.mark.slow
 def test_a_job_whose_solver_is_killed_is_begun_again_and_ends(service: ServiceProcess) -> None:
     with service.client() as client:
         plan = post(client, "steps-40")

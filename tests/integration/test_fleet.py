@@ -79,6 +79,7 @@ def test_another_worker_takes_over_what_a_dead_one_had_and_its_processes_are_gon
     fleet.second.end(signal.SIGTERM)
 
 
+@pytest.mark.slow
 def test_another_worker_simulates_the_plan_that_a_dead_one_has_certified(fleet: Fleet) -> None:
     fleet.first.start()
     plan = fleet.post("simulate-100")
@@ -112,6 +113,7 @@ def test_two_workers_cannot_share_a_name(fleet: Fleet) -> None:
     assert "already runs" in rival.log
 
 
+@pytest.mark.slow
 def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes(fleet: Fleet) -> None:
     """Frozen, its connection is cut by the server, as after a network failure."""
     fleet.with_both_workers()
@@ -140,7 +142,8 @@ def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes
     ] * 3
 
 
-@pytest.mark.parametrize("seconds", [3.0, pytest.param(30.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [3.0, 30.0])
 def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it_is_back(
     fleet: Fleet, seconds: float
 ) -> None:
@@ -161,6 +164,7 @@ def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it
     assert fleet.client.get("/readyz").status_code == 200
 
 
+@pytest.mark.slow
 def test_a_database_that_takes_no_writes_is_waited_for_and_what_can_be_read_is_answered(fleet: Fleet) -> None:
     """As after a failover, while connections lead to the server that was the primary."""
     fleet.with_both_workers()

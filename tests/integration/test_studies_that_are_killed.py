@@ -12,7 +12,8 @@ import pytest
 from support.samples import sample
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 
-PLACES = sample(quick=2, whole=4)
+PLACES = sample(quick=1, whole=4)
+POINTS = sample(quick=20, whole=60)
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def service(tmp_path: Path, begun: Path) -> Iterator[ServiceProcess]:
 def test_what_was_accepted_is_finished_and_what_was_known_is_not_examined_again(
     service: ServiceProcess, begun: Path
 ) -> None:
-    axes = [{"pointer": "/cup/position/0", "min": -0.1, "max": 0.1, "count": 60}]
+    axes = [{"pointer": "/cup/position/0", "min": -0.1, "max": 0.1, "count": POINTS}]
     with service.client() as client:
         posted = client.post("/v1/studies", json={"task": task(external_id="slow"), "axes": axes}).json()
         wait_for(lambda: client.get(posted["links"]["self"]).json()["known"] >= 8)
@@ -43,12 +44,12 @@ def test_what_was_accepted_is_finished_and_what_was_known_is_not_examined_again(
         known = {point["index"]: point for point in client.get(posted["links"]["map"]).json()["points"]}
         assert len(known) >= 8
         study = finished(client, posted)
-        assert (study["state"], study["known"]) == ("succeeded", 60)
+        assert (study["state"], study["known"]) == ("succeeded", POINTS)
         whole = {point["index"]: point for point in client.get(posted["links"]["map"]).json()["points"]}
         assert {index: whole[index] for index in known} == known
         assert finished(client, {"links": {"self": study["best_plan"]}})["outcome"] == "solved"
     examined = Counter(map(int, begun.read_text().split()))
     # The points at which it was killed were begun, and known to nobody.
-    assert set(examined) == set(range(60))
+    assert set(examined) == set(range(POINTS))
     assert sum(count - 1 for count in examined.values()) <= 2 * PLACES
     assert max(examined.values()) <= 2

@@ -21,7 +21,7 @@ from planners.planning import plan, reference_of
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import ROOT, planner_of, task_body
 
-CASES = yaml.safe_load((ROOT / "tests/problems/plate_lifts.yaml").read_text())
+CASES = yaml.load((ROOT / "tests/problems/plate_lifts.yaml").read_text(), yaml.CSafeLoader)
 MOUNT = yaml.safe_load((ROOT / "assets/mounts/dual_column.yaml").read_text())
 CELL = yaml.safe_load((ROOT / "assets/cells/dual_ur3e_lift.yaml").read_text())
 

@@ -28,7 +28,7 @@ from planners.scene.scene import build_scene
 
 TABLE = 1.094
 """Height of the table [m]."""
-CASES = yaml.safe_load((Path(__file__).parents[1] / "problems" / "hard_objects.yaml").read_text())
+CASES = yaml.load((Path(__file__).parents[1] / "problems" / "hard_objects.yaml").read_text(), yaml.CSafeLoader)
 ABOUT = {"x": rotation_x, "y": rotation_y, "z": rotation_z}
 FRUSTUM = trimesh.convex.convex_hull(
     [[s * x, s * y, z] for s, z in ((0.06, 0.0), (0.03, 0.08)) for x in (-1, 1) for y in (-1, 1)]

@@ -23,7 +23,7 @@ from planners.remedies.find_remedies import MOST_OF_A_KIND, MOST_REMEDIES, find_
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tools
 from tests.support.plan_shelf import PlanShelf
-from tests.support.samples import among
+from tests.support.samples import among, sample
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
 UNSOLVED = {
@@ -56,7 +56,8 @@ def test_every_remedy_stands_a_plan_of_the_changed_task(unsolved: tuple[dict[str
     """Applied to the task as it was posted, and planned like any task."""
     body, plan = unsolved
     assert plan.explanation.remedies
-    for remedy in plan.explanation.remedies:
+    remedies = plan.explanation.remedies
+    for remedy in sample(remedies[:1], remedies):
         again = solve(read_task(changed(body, remedy.patch)))
         assert (again.outcome, again.certificate and again.certificate.passed) == ("solved", True), remedy.sentence
         assert again.statistics.reserve is not None

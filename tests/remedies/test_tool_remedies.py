@@ -22,7 +22,7 @@ from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 from tests.support.plan_shelf import PlanShelf
-from tests.support.samples import among
+from tests.support.samples import among, sample
 
 TASKS = Path(__file__).resolve().parents[2] / "assets" / "tasks"
 DIE = {
@@ -60,7 +60,8 @@ def test_every_remedy_stands_a_plan_of_the_changed_task(
     """Applied to the task as it was posted, and to the one that the plan states."""
     body, plan = unsolved
     assert plan.explanation.remedies
-    for remedy in plan.explanation.remedies:
+    remedies = plan.explanation.remedies
+    for remedy in sample(remedies[:1], remedies):
         for task in (body, write_task(plan.task)):
             again = solver.solve(read_task(changed(task, remedy.patch)))
             assert (again.outcome, again.certificate and again.certificate.passed) == ("solved", True), remedy.sentence

@@ -6,6 +6,7 @@ import ast
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import packages_distributions, requires
 from pathlib import Path
 
@@ -39,6 +40,7 @@ EXCEPTED = {"planners/planning.py": {"time"}}
 """The public surface tells how long each stage took; the planners below it take a clock, and decide nothing by it."""
 
 
+@cache
 def imported_packages(path: Path) -> set[str]:
     return {name.split(".")[0] for name in _imported_modules(syntax_tree(path.read_text()))}
 
@@ -91,6 +93,7 @@ def _name(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
+@cache
 def _imports_of_each_module() -> dict[str, set[str]]:
     """Which modules of the product each of them imports, wherever in its file."""
     paths = {_name(path): path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")}

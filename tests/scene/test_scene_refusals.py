@@ -14,7 +14,7 @@ from planners.errors import SceneError
 from planners.scene.scene import build_scene
 
 ROOT = Path(__file__).parents[2]
-CASES = yaml.safe_load((ROOT / "tests/problems/scene_refusals.yaml").read_text())
+CASES = yaml.load((ROOT / "tests/problems/scene_refusals.yaml").read_text(), yaml.CSafeLoader)
 
 
 @pytest.fixture(scope="module")

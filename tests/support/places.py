@@ -8,9 +8,12 @@ from contextlib import contextmanager
 import pytest
 
 from .postgres import needs_postgres, running_postgres
+from .samples import sample
 
 PLACES = ("sqlite", pytest.param("postgres", marks=needs_postgres))
 on_both_databases = pytest.mark.parametrize("place", PLACES, indirect=True, scope="module")
+on_one_or_both_databases = pytest.mark.parametrize("place", sample(PLACES[:1], PLACES), indirect=True, scope="module")
+"""The second one where everything is tried: for what is said of the interface, whose stores have tests on both."""
 
 
 @contextmanager

@@ -22,9 +22,10 @@ from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, handover_key
 from planners.scene.scene import build_scene, with_centres
 from planners.scene.suction_tool import SuctionTool
-from workers.settings import HANDOVERS_FOLDER
+from workers.settings import HANDOVERS_FOLDER, WorkerSettings
 from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, SolverRequest
+from workers.solver.warm_up import is_warm
 from workers.stores.handover_store import HandoverStore
 
 from .service import ROOT
@@ -55,8 +56,14 @@ class PlanShelf:
     def handovers(
         self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress = silent
     ) -> HandoverDatabase:
-        """Return the handovers of a tool, found once in a run; where another process is finding them, wait for that."""
+        """Return the handovers of a tool: those of the setup if it had today's sources, else found once in a run.
+
+        Where another process is finding them, wait for that.
+        """
         key = handover_key(cell, tool, settings)
+        found = self._set_up.load(key) if self._set_up else None
+        if found is not None:
+            return found
         with (self._folder / f"{key}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             return HandoverStore(self._folder / HANDOVERS_FOLDER).get(cell, tool, settings, progress)
@@ -91,6 +98,11 @@ class PlanShelf:
         """Answer as a solver."""
         document = self.take(request, progress)
         return Answer(json.loads(document)["outcome"], document)
+
+    @cached_property
+    def _set_up(self) -> HandoverStore | None:
+        settings = WorkerSettings(data_dir=ROOT / "data")
+        return HandoverStore(settings.handovers_dir) if is_warm(settings) else None
 
     @cached_property
     def _pipeline(self) -> Pipeline:

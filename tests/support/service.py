@@ -32,6 +32,9 @@ API_MODULE = "app.serve"
 STARTUP_SECONDS = 900.0
 PATIENCE_SECONDS = 300.0
 """How long tests wait where no time is promised: a busy machine may take long, and is no fault of ours."""
+SHORTEST_PAUSE, LONGEST_PAUSE = 0.02, 0.1
+"""Between two looks at what is waited for, the longer the wait; looks keep a machine busy, too. Where a second is
+promised they stay short [s]."""
 T = TypeVar("T")
 
 
@@ -80,7 +83,9 @@ class ServiceProcess:
             call_warm(self._data_dir, self._solver)
         fresh = self._fresh or (self._solver is None and sample(quick=False, whole=True))
         self.process = launch(words, self._environment, module=self._module, fresh=fresh)
-        wait_for(self._ready, STARTUP_SECONDS)
+        # A client takes long to make.
+        with self.client() as client:
+            wait_for(lambda: self._ready(client), STARTUP_SECONDS)
         return self
 
     def kill(self) -> None:
@@ -107,11 +112,11 @@ class ServiceProcess:
         further = [each for each in self.descendants() if API_MODULE in each.cmdline()]
         return [psutil.Process(self.process.pid), *further]
 
-    def _ready(self) -> bool:
+    def _ready(self, client: httpx.Client) -> bool:
         assert self.process is not None
         assert self.process.poll() is None, "the service ended instead of getting ready"
         try:
-            return httpx.get(f"{self.address}/readyz").status_code == 200
+            return client.get("/readyz").status_code == 200
         except httpx.TransportError:
             return False
 
@@ -160,10 +165,12 @@ def call_warm(data_dir: Path, solver: tuple[str, ...]) -> None:
 
 def wait_for(holds: Callable[[], T], seconds: float = PATIENCE_SECONDS) -> T:
     """Wait until `holds()` is true, and return what it returned; `seconds` are given where they are promised."""
-    deadline = time.monotonic() + seconds
+    deadline, pause = time.monotonic() + seconds, SHORTEST_PAUSE
+    longest = min(LONGEST_PAUSE, SHORTEST_PAUSE * max(seconds, 1.0))
     while not (held := holds()):
         assert time.monotonic() < deadline, f"did not hold within {seconds} s"
-        time.sleep(0.02)
+        time.sleep(pause)
+        pause = min(1.2 * pause, longest)
     return held
 
 

@@ -75,7 +75,7 @@ def main(wanted: list[str]) -> None:
         tempfile.TemporaryDirectory() as data,
         running_service(Path(data), None) as service,
         service.client() as client,
-        running_browser() as browser,
+        running_browser(draws=True) as browser,
     ):
 
         def open_page(address: str, window: ViewportSize, colours: Literal["light", "dark"] = "light") -> Page:

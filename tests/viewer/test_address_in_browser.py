@@ -51,26 +51,20 @@ def address(service: ServiceProcess) -> str:
     return f"{service.address}/viewer/?plan={plan['id']}"
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with running_browser() as browser:
-        yield browser
-
-
 @pytest.fixture
-def drawn(browser: Browser) -> Iterator[Page]:
+def drawn() -> Iterator[Page]:
     """Return a window with the scene's picture, for what concerns the camera."""
-    page = new_window(browser)
-    yield page
-    page.close()
+    with running_browser(draws=True) as browser:
+        yield new_window(browser)
 
 
 @pytest.fixture(scope="module")
-def window(browser: Browser) -> Page:
+def window() -> Iterator[Page]:
     """Return a window without the scene's picture."""
-    page = new_window(browser)
-    draw_no_scene(page)
-    return page
+    with running_browser() as browser:
+        page = new_window(browser)
+        draw_no_scene(page)
+        yield page
 
 
 def new_window(browser: Browser) -> Page:
@@ -86,7 +80,7 @@ def show(page: Page, address: str) -> None:
     wait_for_plan(page, "ab1")
 
 
-def test_an_address_opens_its_moment_and_its_camera(drawn: Page, address: str) -> None:
+def test_an_address_opens_its_moment_and_its_camera_and_follows_both(drawn: Page, address: str) -> None:
     show(drawn, f"{address}#t=4.5&source=simulation&camera={','.join(map(str, CAMERA))}")
     assert drawn.evaluate("[player.time, player.sourceName]") == [4.5, "simulation"]
     drawn.wait_for_function("frame.contentDocument?.querySelector('canvas')")
@@ -95,6 +89,16 @@ def test_an_address_opens_its_moment_and_its_camera(drawn: Page, address: str) -
     drawn.evaluate("camera = null")
     drawn.wait_for_function("connection.askCamera(), camera !== null")
     assert drawn.evaluate("camera") == pytest.approx(CAMERA, abs=NEAR)
+    drawn.evaluate("player.choose('plan'), player.seek(3.25)")
+    drawn.wait_for_url("**#t=3.25*")
+    drawn.get_by_role("button", name="Top").click()
+    drawn.wait_for_function("connection.askCamera(), Math.hypot(camera[0] - 1.5, camera[1] + 1.25) > 0.1")
+    drawn.wait_for_url(lambda url: f"camera={CAMERA[0]}," not in url)
+    shown = drawn.url
+    assert shown.count("camera=") == 1
+    show(drawn, shown)
+    assert drawn.evaluate("player.time") == 3.25
+    assert drawn.url == shown
 
 
 def test_a_certified_plan_is_shown_at_once_and_again_where_one_is_when_its_simulation_is_there(
@@ -128,18 +132,6 @@ def test_a_proof_is_shown_at_once_and_what_to_change_once_that_is_known(
     trying.unlink()
     window.locator(".remedies li").first.wait_for()
     assert not window.get_by_text("Changes are being tried").count()
-
-
-def test_the_address_follows_time_and_view(drawn: Page, address: str) -> None:
-    show(drawn, address)
-    drawn.evaluate("player.seek(3.25)")
-    drawn.wait_for_url("**#t=3.25*")
-    drawn.get_by_role("button", name="Top").click()
-    drawn.wait_for_url("**camera=*")
-    shown = drawn.url
-    show(drawn, shown)
-    assert drawn.evaluate("player.time") == 3.25
-    assert drawn.url == shown
 
 
 NONSENSE = ("t=later", "t=1e9", "camera=1,2", "t=-3&camera=a,b,c,d,e,f", "x")

@@ -15,6 +15,7 @@ from support.service import ServiceProcess, finished, running_service, task
 
 WINDOW: ViewportSize = {"width": 900, "height": 600}
 PIXELS_PER_POINT = 0.5
+DRAWS = sample(quick=False, whole=True)
 
 pytestmark = needs_browser
 
@@ -40,12 +41,12 @@ def plans(shelf: PlanShelf, service: ServiceProcess) -> list[dict[str, Any]]:
 def page(service: ServiceProcess, plans: list[dict[str, Any]]) -> Iterator[Page]:
     """Return a window with both; errors of its scripts fail the module."""
     errors: list[str] = []
-    with running_browser() as browser:
+    # No test looks at the two scenes; that drawing them raises nothing is seen where everything is tried.
+    with running_browser(draws=DRAWS) as browser:
         page = browser.new_page(viewport=WINDOW, device_scale_factor=PIXELS_PER_POINT)
         page.set_default_timeout(LOADING_MILLISECONDS)
         page.on("pageerror", lambda error: errors.append(str(error)))
-        # No test looks at the two scenes; that drawing them raises nothing is seen where everything is tried.
-        if sample(quick=True, whole=False):
+        if not DRAWS:
             draw_no_scene(page)
         page.goto(f"{service.address}/viewer/compare?plans={','.join(plan['id'] for plan in plans)}")
         page.wait_for_function("comparison.sides.every(({ description, task }) => description && task)")

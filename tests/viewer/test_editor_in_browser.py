@@ -6,6 +6,7 @@ import json
 import shlex
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -56,21 +57,26 @@ def planned(
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with running_browser() as browser:
-        yield browser
+def open_page(service: ServiceProcess) -> Iterator[Callable[..., Page]]:
+    """Return a function that opens the editor with an empty scene in a window of its own."""
+    with running_browser() as browser, opening(browser, service, drawn=False) as open_page:
+        yield open_page
 
 
-@pytest.fixture(scope="module")
-def open_page(browser: Browser, service: ServiceProcess) -> Iterator[Callable[..., Page]]:
-    """Return a function that opens the editor in a window of its own; whatever its console calls an error fails all.
+@pytest.fixture
+def open_drawn(service: ServiceProcess) -> Iterator[Callable[..., Page]]:
+    """Return a function that opens the editor in a window of its own, its scene drawn."""
+    with running_browser(draws=True) as browser, opening(browser, service, drawn=True) as open_page:
+        yield open_page
 
-    Where no scene is drawn, which takes longer than all else, the page has an empty one.
-    """
+
+@contextmanager
+def opening(browser: Browser, service: ServiceProcess, *, drawn: bool) -> Iterator[Callable[..., Page]]:
+    """Yield a function that opens the editor; whatever the console of a page calls an error fails all."""
     contexts = []
     errors: list[str] = []
 
-    def open_(query: str, at: ServiceProcess = service, *, drawn: bool = True) -> Page:
+    def open_(query: str, at: ServiceProcess = service) -> Page:
         contexts.append(browser.new_context(viewport=WINDOW, device_scale_factor=PIXELS_PER_POINT))
         contexts[-1].set_default_timeout(LOADING_MILLISECONDS)
         contexts[-1].grant_permissions(["clipboard-read", "clipboard-write"])
@@ -92,10 +98,8 @@ def open_page(browser: Browser, service: ServiceProcess) -> Iterator[Callable[..
 
 @pytest.fixture(scope="module")
 def loaded(open_page: Callable[..., Page]) -> Page:
-    """Return a window with a lift, its scene drawn, for all tests that need no other one."""
-    page = open_page("?example=ab1")
-    wait_for_scene(page)
-    return page
+    """Return a window with a lift, its scene not drawn, for all tests that need no other one."""
+    return open_page("?example=ab1")
 
 
 @pytest.fixture
@@ -164,8 +168,8 @@ def plan_solved(page: Page) -> None:
     expect(page.locator("#plan-status .badge")).to_have_text("solved", timeout=LOADING_MILLISECONDS)
 
 
-def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page: Callable[..., Page]) -> None:
-    page = open_page("")
+def test_a_task_is_made_by_mouse_alone_from_an_empty_scene(open_drawn: Callable[..., Page]) -> None:
+    page = open_drawn("")
     wait_for_scene(page)
     assert draft(page) == {"kind": "plate_lift"}
     wait_for_verdict(page, accepted=False)
@@ -187,6 +191,19 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page
     drag(page, cup, cup + np.array([-0.03, 0.02, 0.0]))
     assert draft(page)["cup"]["position"] == pytest.approx([0.07, 0.02], abs=UNDER_THE_POINTER)
     assert np.array(draft(page)["plate_pose"]) == pytest.approx(after), "the plate stays where it is"
+    wait_for_verdict(page, accepted=True)
+    page.context.close()
+
+
+@pytest.mark.slow
+def test_a_task_is_planned_by_mouse_alone_and_its_path_is_followed_as_the_task_changes(
+    open_page: Callable[..., Page],
+) -> None:
+    page = open_page("")
+    page.locator("#add-plate").click()
+    page.locator("#add-cup").click()
+    wait_for_verdict(page, accepted=True)
+    page.evaluate("editor.draft.set('/cup/position', [0.07, 0.02])")
     page.evaluate("editor.draft.set('/options', { simulate: false })")
     wait_for_verdict(page, accepted=True)
     page.locator("#plan").click()
@@ -200,7 +217,6 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene_and_planned(open_page
     expect(page.locator("#feasibility")).to_contain_text("the plate is not held")
     expect(page.locator("#feasibility")).to_contain_text("way is left")
     page.locator("#undo").click(click_count=1)
-    draw_no_scene(page)
     page.locator("#watch").click()
     page.frame_locator("#watch-frame").locator("#outcome.solved").wait_for()
     page.context.close()
@@ -218,7 +234,7 @@ def tab_to(page: Page, selector: str) -> None:
 def test_a_task_is_made_by_keyboard_alone_from_an_empty_scene_and_planned(
     open_page: Callable[..., Page], planned: ServiceProcess
 ) -> None:
-    page = open_page("", planned, drawn=False)
+    page = open_page("", planned)
     wait_for_verdict(page, accepted=False)
     for name in ("plate", "cup"):
         tab_to(page, f"#add-{name}")
@@ -378,7 +394,7 @@ def test_a_plan_is_changed_where_it_is_watched(open_page: Callable[..., Page], s
     body = task("pb1_weak_cup.json")
     with service.client() as client:
         plan = finished(client, client.post("/v1/plans", json=body).json())
-    page = open_page("?example=pb1", drawn=False)
+    page = open_page("?example=pb1")
     page.goto(service.address + plan["links"]["view"])
     wait_for_plan(page, "pb1_weak_cup")
     page.get_by_role("link", name="Change this task").click()
@@ -389,6 +405,6 @@ def test_a_plan_is_changed_where_it_is_watched(open_page: Callable[..., Page], s
 
 
 def test_what_cannot_be_begun_with_is_told(open_page: Callable[..., Page]) -> None:
-    page = open_page("?example=pb1", drawn=False)
+    page = open_page("?example=pb1")
     page.evaluate("editor.connection.send({ type: 'start', of: 'example', name: 'none' })")
     expect(page.locator("#message")).to_contain_text("there is no example 'none'")

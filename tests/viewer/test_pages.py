@@ -12,9 +12,9 @@ import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page
 from support.browser import (
     LOADING_MILLISECONDS,
-    SCHEMES,
     WINDOWS,
     draw_no_scene,
+    looks,
     needs_browser,
     running_browser,
     serious_findings,
@@ -26,6 +26,7 @@ from support.service import FAKE_SOLVER, ServiceProcess, finished, running_servi
 
 PLANS = ("ab1", "pb1_weak_cup")
 """Shipped tasks: a lift with its simulation, and one that cannot be."""
+PAGES = ("start", "cells", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS)
 FINGER = 40
 """Least height of what a finger must hit on a phone [px]; Chromium rounds."""
 OVERFLOWING = """() => [...document.querySelectorAll('header, header *, main, main > *, #tabs, #timeline, section')]
@@ -103,38 +104,34 @@ def show(page: Page, name: str, address: str) -> None:
         page.locator("#capabilities dd").first.wait_for()
 
 
-@pytest.mark.parametrize(
-    "name", ["start", "cells", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS]
-)
+@pytest.mark.parametrize("name", PAGES)
 def test_a_page_is_readable_and_whole_at_every_width_in_light_and_dark(
     name: str, window: Page, addresses: dict[str, str]
 ) -> None:
     shown = False
-    for scheme in SCHEMES:
+    for scheme, size in looks(PAGES.index(name)):
         window.emulate_media(color_scheme=scheme)
-        for size in WINDOWS:
-            window.set_viewport_size(size)
-            # A window that is made smaller, or dark, has the same page: it is opened anew where everything is tried.
-            if not shown or sample(quick=False, whole=True):
-                show(window, name, addresses[name])
-                shown = True
-            where = f"{name}, {scheme}, {size['width']} px"
-            assert serious_findings(window) == [], where
-            assert window.evaluate(OVERFLOWING) == [], where
-            for tab in window.locator("#tabs button:visible").all():
-                tab.click()
-                assert serious_findings(window) == [], f"{where}, {tab.inner_text()}"
+        window.set_viewport_size(size)
+        # A window that is made smaller, or dark, has the same page: it is opened anew where everything is tried.
+        if not shown or sample(quick=False, whole=True):
+            show(window, name, addresses[name])
+            shown = True
+        where = f"{name}, {scheme}, {size['width']} px"
+        assert serious_findings(window) == [], where
+        assert window.evaluate(OVERFLOWING) == [], where
+        for tab in window.locator("#tabs button:visible").all():
+            tab.click()
+            assert serious_findings(window) == [], f"{where}, {tab.inner_text()}"
 
 
 def test_the_page_that_asks_for_a_key_is_readable(window: Page, tmp_path: Path) -> None:
     with running_service(tmp_path, FAKE_SOLVER, command="api", authentication="required") as locked:
-        for scheme in SCHEMES:
+        for scheme, size in looks(len(PAGES)):
             window.emulate_media(color_scheme=scheme)
-            for size in WINDOWS:
-                window.set_viewport_size(size)
-                window.goto(f"{locked.address}/viewer/")
-                assert "/viewer/login" in window.url
-                assert serious_findings(window) == []
+            window.set_viewport_size(size)
+            window.goto(f"{locked.address}/viewer/")
+            assert "/viewer/login" in window.url
+            assert serious_findings(window) == []
 
 
 def test_on_a_phone_scene_timeline_and_one_of_list_curves_and_panel_are_seen_and_hit(

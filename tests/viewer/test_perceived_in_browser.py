@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
+from support.samples import sample
 from support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
 from support.service import FAKE_SOLVER, ServiceProcess, running_service
 
@@ -16,6 +17,8 @@ from tests.support.scan_frames import shipped
 
 LAYERS = {"points": 2e-3, "models": 2e-3, "tool": 1e-3, "robot": 2e-3}
 """Share of the picture that each one covers at least."""
+DRAWN = sample(quick=False, whole=True)
+"""Whether there is a picture: tests that look at it are slow."""
 
 pytestmark = needs_browser
 
@@ -35,9 +38,11 @@ def scene(service: ServiceProcess) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def page(service: ServiceProcess, scene: dict[str, Any]) -> Iterator[Page]:
     errors: list[str] = []
-    with running_browser() as browser:
+    with running_browser(draws=DRAWN) as browser:
         page = browser.new_context(viewport={"width": 960, "height": 640}, device_scale_factor=0.5).new_page()
         page.set_default_timeout(LOADING_MILLISECONDS)
+        if not DRAWN:
+            draw_no_scene(page)
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.goto(service.address + scene["links"]["view"])
         page.wait_for_function("perceived.description")

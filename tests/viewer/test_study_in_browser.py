@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from support.browser import SCHEMES, WINDOWS, draw_no_scene, needs_browser, running_browser, serious_findings
+from support.browser import draw_no_scene, looks, needs_browser, running_browser, serious_findings
 from support.samples import sample
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, task
 from support.serving import served
@@ -109,17 +109,16 @@ def test_studies_are_listed(page: Page, address: str) -> None:
 @pytest.mark.parametrize("what", ["map", "list"])
 def test_the_page_is_readable_at_every_width_in_light_and_dark(page: Page, address: str, what: str) -> None:
     study, shown = posted(address, "now", X, Y), False
-    for scheme in SCHEMES:
+    for scheme, size in looks(("map", "list").index(what)):
         page.emulate_media(color_scheme=scheme)
-        for size in WINDOWS:
-            page.set_viewport_size(size)
-            # A window that is made smaller, or dark, has the same page: it is opened anew where everything is tried.
-            if not shown or sample(quick=False, whole=True):
-                page.goto(study["links"]["view"] if what == "map" else "/viewer/study")
-                page.locator("#drawing .cell.best" if what == "map" else "#list li").first.wait_for()
-                shown = True
-            assert serious_findings(page) == [], f"{scheme}, {size['width']} px"
-            assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        page.set_viewport_size(size)
+        # A window that is made smaller, or dark, has the same page: it is opened anew where everything is tried.
+        if not shown or sample(quick=False, whole=True):
+            page.goto(study["links"]["view"] if what == "map" else "/viewer/study")
+            page.locator("#drawing .cell.best" if what == "map" else "#list li").first.wait_for()
+            shown = True
+        assert serious_findings(page) == [], f"{scheme}, {size['width']} px"
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 @pytest.mark.parametrize("start", ["/", "/viewer/"])

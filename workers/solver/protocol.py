@@ -18,11 +18,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
-from planners.geometry.solid_mesh import MeshDocument, SolidMesh
 from planners.progress import Report
-from planners.scene.shape_source import Uploads
+
+if TYPE_CHECKING:
+    from planners.geometry.solid_mesh import MeshDocument
+    from planners.scene.shape_source import Uploads
 
 MAX_LINE = 2**24
 """Longest line that is read [bytes]. A request is the longest: a body of at most some megabytes."""
@@ -94,6 +96,9 @@ AnyRequest = SolverRequest | StudyRequest | FeasibilityRequest
 
 def uploads_of(request: AnyRequest) -> Uploads:
     """Return how the scene finds the meshes that came with a request."""
+    # A process that solves nothing itself, as those of tests, is ready without all that works on meshes.
+    from planners.geometry.solid_mesh import SolidMesh
+
     documents = request.meshes or {}
     return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.documents import certified, evidence_of
+from support.samples import among
 from support.tool_plans import QUARTER, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Check
@@ -31,7 +32,7 @@ def handed_over() -> Document:
     return planned({"objects": [block(**across)]})
 
 
-@pytest.fixture(scope="module", params=["lift", "tool"])
+@pytest.fixture(scope="module", params=among(["lift", "tool"], ["lift"]))
 def honest(request: pytest.FixtureRequest) -> Document:
     return request.getfixturevalue("honest_document" if request.param == "lift" else "handed_over")
 

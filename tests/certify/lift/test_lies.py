@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.documents import certified
+from support.samples import among
 
 from planners.certify import CellReference, Certificate, RobotSurfaces
 from planners.certify.motion.kinematics import ArmKinematics
@@ -558,7 +559,12 @@ def test_an_honest_plan_passes(document: Document, surfaces: RobotSurfaces, refe
     assert all(check.margin is None or check.margin >= 0 for check in certificate.checks)
 
 
-@pytest.mark.parametrize("name", LIES)
+def one_of_each_check() -> list[str]:
+    """Return the name of a lie for each set of checks that one fails."""
+    return list({lie.fails: name for name, lie in LIES.items()}.values())
+
+
+@pytest.mark.parametrize("name", among(LIES, one_of_each_check()))
 def test_a_lie_fails_exactly_the_checks_it_touches(name: str, document: Document, surfaces: RobotSurfaces) -> None:
     LIES[name].tell(document)
     certificate = certified(document, surfaces)

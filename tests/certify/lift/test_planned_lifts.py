@@ -11,6 +11,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from support.documents import certified, evidence_of
+from support.samples import among
 
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact
 from planners.certify import CellReference, RobotSurfaces
@@ -227,21 +228,21 @@ def give_the_arms_weaker_joints(document: Document) -> None:
         arm["torque_max"] = [0.5 * torque for torque in arm["torque_max"]]
 
 
-@pytest.mark.parametrize(
-    ("tell", "check", "place"),
-    [
-        (squeeze_less, "squeeze", "hand"),
-        (squeeze_harder_in_the_middle_of_a_hold, "squeeze", "not as before"),
-        (press_with_both_fingers_less_than_commanded, "squeeze", "both fingers together"),
-        (say_nothing_of_the_squeeze, "squeeze", "no squeeze is"),
-        (state_more_reserve_than_there_is, "reserve", "is stated"),
-        (state_more_reserve_in_the_summary_alone, "reserve", "the smallest reserve"),
-        (state_more_reserve_in_a_curve_alone, "reserve", "is stated"),
-        (let_the_plate_be_heavier, "uncertainty", "plate"),
-        (let_the_centre_of_mass_be_farther_off, "uncertainty", "plate"),
-        (give_the_arms_weaker_joints, "joint torque", "_joint"),
-    ],
-)
+LIES = [
+    (squeeze_less, "squeeze", "hand"),
+    (squeeze_harder_in_the_middle_of_a_hold, "squeeze", "not as before"),
+    (press_with_both_fingers_less_than_commanded, "squeeze", "both fingers together"),
+    (say_nothing_of_the_squeeze, "squeeze", "no squeeze is"),
+    (state_more_reserve_than_there_is, "reserve", "is stated"),
+    (state_more_reserve_in_the_summary_alone, "reserve", "the smallest reserve"),
+    (state_more_reserve_in_a_curve_alone, "reserve", "is stated"),
+    (let_the_plate_be_heavier, "uncertainty", "plate"),
+    (let_the_centre_of_mass_be_farther_off, "uncertainty", "plate"),
+    (give_the_arms_weaker_joints, "joint torque", "_joint"),
+]
+
+
+@pytest.mark.parametrize(("tell", "check", "place"), among(LIES, list({lie[1]: lie for lie in LIES}.values())))
 def test_a_lie_fails_the_check_that_it_is_about(
     tell: Callable[[Document], None], check: str, place: str, document: Document, surfaces: RobotSurfaces
 ) -> None:

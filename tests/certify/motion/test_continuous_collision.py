@@ -47,7 +47,7 @@ def obstacle_near(document: Document, position: np.ndarray, size: float) -> None
     document["bodies"]["post"] |= {"shape": shape, "pose": to_pose7(transform(None, position))}
 
 
-@pytest.mark.parametrize("seed", among(range(12), range(4)))
+@pytest.mark.parametrize("seed", among(range(12), range(2)))
 def test_verdicts_are_those_of_dense_sampling(
     seed: int, honest_document: Document, surfaces: RobotSurfaces, true_distance: Distance
 ) -> None:
@@ -97,7 +97,7 @@ def random_pairs(document: Document, surfaces: RobotSurfaces, rng: np.random.Gen
         yield motion, *(solids[i] for i in pairs[index])
 
 
-@pytest.mark.parametrize("segment", [TRANSIT, GRIP, PUSH, TILT, LIFT])
+@pytest.mark.parametrize("segment", among([TRANSIT, GRIP, PUSH, TILT, LIFT], [GRIP, TILT]))
 @pytest.mark.parametrize("fast", [False, True])
 def test_no_gap_along_a_direction_falls_below_what_is_said_to_be_kept(
     segment: int, fast: bool, honest_document: Document, surfaces: RobotSurfaces, true_distance: Distance
@@ -127,7 +127,7 @@ def test_no_gap_along_a_direction_falls_below_what_is_said_to_be_kept(
             assert min(along(u) for u in np.linspace(0.0, 1.0 - 1e-12, 15)) >= kept - 1e-9
 
 
-@pytest.mark.parametrize("segment", [TRANSIT, GRIP, PUSH, TILT, LIFT])
+@pytest.mark.parametrize("segment", among([TRANSIT, GRIP, PUSH, TILT, LIFT], [GRIP, TILT]))
 def test_no_distance_changes_faster_than_its_bound(
     segment: int, honest_document: Document, surfaces: RobotSurfaces, true_distance: Distance
 ) -> None:
