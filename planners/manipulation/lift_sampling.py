@@ -14,7 +14,14 @@ from planners.geometry.pose import Array
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph
 from planners.manipulation.graph.manipulation_graph import HandHold
 from planners.manipulation.holds.grips import CupFootprint, Jaw, PlateGrip, generate_grips, given_grips
-from planners.manipulation.holds.pushes import PlatePush, generate_pushes, given_pushes, largest_tip, least_thickness
+from planners.manipulation.holds.pushes import (
+    PlatePush,
+    generate_pushes,
+    given_pushes,
+    largest_tip,
+    least_thickness,
+    lowest_contact,
+)
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.reach.hand_reach import ALL_POSTURES
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
@@ -49,7 +56,9 @@ class LiftSampling:
             grips = given_grips(scene.given_grips, prism)
         radius = workcell.pushing_hand.tip_radius
         if scene.given_pushes is None:
-            pushes = generate_pushes(prism, radius, workcell.arm(workcell.pusher).robot.reach, settings.pushes)
+            lowest = lowest_contact(radius, workcell.settings.margin, scene.surface_beyond)
+            reach = workcell.arm(workcell.pusher).robot.reach
+            pushes = generate_pushes(prism, radius, reach, settings.pushes, lowest=lowest)
         else:
             pushes = given_pushes(scene.given_pushes, radius, settings.pushes.rolls)
         return cls(workcell, settings, prism, poses, grips, pushes, balance_program(scene))

@@ -18,6 +18,7 @@ from planners.manipulation.holds.pushes import (
     given_pushes,
     largest_tip,
     least_thickness,
+    lowest_contact,
 )
 from planners.scene.lift_placements import GivenPush
 from tests.support.polyhedra import face_normal
@@ -178,7 +179,10 @@ def test_a_plate_is_pushed_at_its_sides_if_it_is_thicker_than_the_least(margin: 
     for thickness, has_room in ((least + 1e-4, True), (least - 1e-4, False)):
         plate = ConvexPrism.from_outline(rectangle(0.3, 0.3), thickness)
         half, middle = np.array([0.15 + beyond, 0.15 + beyond, 0.025]), np.array([0.0, 0.0, -0.5 * thickness - 0.025])
-        at_sides = [push for push in generate_pushes(plate, TIP, REACH, sampling) if abs(push.normal[2]) < 0.5]
+        pushes = generate_pushes(plate, TIP, REACH, sampling, lowest=lowest_contact(TIP, margin, beyond))
+        at_sides = [push for push in pushes if abs(push.normal[2]) < 0.5]
+        below_top = 0.5 * thickness - np.array([push.point[2] for push in at_sides])
+        assert below_top == pytest.approx(sampling.least_top_margin)
         centres = np.array([push.T_plate_tcp[0, :3, 3] for push in at_sides])
         distances = np.linalg.norm(np.maximum(np.abs(centres - middle) - half, 0.0), axis=1)
         assert (distances.min() >= TIP + margin) == has_room
@@ -187,8 +191,18 @@ def test_a_plate_is_pushed_at_its_sides_if_it_is_thicker_than_the_least(margin: 
 @pytest.mark.parametrize("beyond", [0.0, 0.004, 0.02, 0.5])
 def test_the_largest_tip_that_has_room_is_the_one_for_which_a_plate_is_just_thick_enough(beyond: float) -> None:
     sampling = PushSampling()
-    for thickness in (0.0065, 0.008, 0.012, 0.03):
+    for thickness in (0.0045, 0.008, 0.012, 0.03):
         tip = largest_tip(thickness, 0.003, sampling, beyond)
         assert tip > 0.0
         assert least_thickness(tip, 0.003, sampling, beyond) == pytest.approx(thickness, rel=1e-12)
-    assert largest_tip(0.005, 0.003, sampling, beyond) < 0.0, "the margins alone are more"
+    assert largest_tip(0.003, 0.003, sampling, beyond) < 0.0, "the margins alone are more"
+
+
+def test_a_thin_plate_is_pushed_as_far_from_its_top_face_as_the_tip_has_room():
+    lowest = lowest_contact(TIP, 0.003, 0.0)
+    for thickness in (0.0095, 0.0105, 0.011):
+        plate = ConvexPrism.from_outline(rectangle(0.3, 0.3), thickness)
+        pushes = generate_pushes(plate, TIP, REACH, lowest=lowest)
+        heights = {0.5 * thickness + push.point[2] for push in pushes if abs(push.normal[2]) < 0.5}
+        assert all(lowest < height < lowest + 3e-4 or height == pytest.approx(thickness - 0.001) for height in heights)
+        assert max(heights) <= thickness - SAMPLING.least_top_margin + 1e-12

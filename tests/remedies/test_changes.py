@@ -113,16 +113,16 @@ def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres(beyond: float 
     plan = solve(thin_plate(0.012, beyond=beyond))
     cause = plan.explanation.causes[0]
     assert plan.outcome == "not_found"
-    assert (cause.needed, cause.available, cause.unit) == (pytest.approx(0.016), pytest.approx(0.012), "m")
-    assert "16 mm" in plan.explanation.summary
+    assert (cause.needed, cause.available, cause.unit) == (pytest.approx(0.014), pytest.approx(0.012), "m")
+    assert "14 mm" in plan.explanation.summary
     assert "board under it" in plan.explanation.summary or beyond is not None
     assert "board that is as large" in plan.explanation.summary or beyond is None
 
 
 def test_a_plate_too_thin_for_any_board_is_told_which_tip_would_have_room() -> None:
-    told = solve(thin_plate(0.010, beyond=0.0)).explanation.summary
+    told = solve(thin_plate(0.008, beyond=0.0)).explanation.summary
     assert "helps" not in told
-    # A tip of r beside a side of 10 mm, 3 mm below its top, 3 mm off the board's edge: (r + 3)² = r² + 7².
+    # A tip of r beside a side of 8 mm, 1 mm below its top, 3 mm off the board's edge: (r + 3)² = r² + 7².
     assert f"at most {math.floor(10 * (7.0**2 - 3.0**2) / 6.0) / 10:g} mm" in told
 
 

@@ -15,6 +15,8 @@ from planners.manipulation.holds.rim import RimPatch, RimStation, rim_stations
 from planners.scene.lift_placements import PUSH_CONE, GivenPush
 
 _UP = np.array([0.0, 0.0, 1.0])
+_CLEARLY = 1e-4
+"""By so much a distance is larger than a margin that decides [m]."""
 LARGEST_ROLLS = 8
 """Rolls times branches of the inverse kinematics must fit into a set of 64 bits (`reach.hand_reach`)."""
 
@@ -34,7 +36,9 @@ class PushSampling:
     tip_clearance: float = 0.005
     """Least distance of the tip at a side from what the plate lies on [m]: thin plates are pushed above the middle."""
     top_margin: float = 0.003
-    """Least distance of a side contact from the top face [m]; our choice."""
+    """Least distance of a side contact from the top face [m]; our choice ..."""
+    least_top_margin: float = 0.001
+    """... and where that leaves no room above what the plate lies on: plates lie true to 1 mm, as tasks may state."""
     bottom_depth: float = 0.02
     """From the side face to the contacts under the plate [m]; our choice."""
     side_elevations: tuple[float, ...] = (math.radians(20.0), math.radians(50.0))
@@ -80,11 +84,17 @@ class PlatePush:
 
 
 def generate_pushes(
-    plate: ConvexPrism, tip_radius: float, reach: float, sampling: PushSampling | None = None
+    plate: ConvexPrism,
+    tip_radius: float,
+    reach: float,
+    sampling: PushSampling | None = None,
+    *,
+    lowest: float = 0.0,
 ) -> tuple[PlatePush, ...]:
     """Spread pushes evenly along the rim: on the side faces, and under the plate near the rim.
 
-    Contacts on the sides are at mid-thickness, or higher where the tip would be too close to the support.
+    Contacts on the sides are at mid-thickness, or higher where the tip would be too close to the support; as far from
+    the top face as that leaves them.
 
     Directions outside the push cone are left out.
 
@@ -93,13 +103,15 @@ def generate_pushes(
         tip_radius: of the stick's hemispherical tip [m].
         reach: of the arm that has the stick, as its maker states it [m].
         sampling: how many, where and from which directions.
+        lowest: height above what the plate lies on, below which a tip at the plate's sides has no room [m], see
+            `lowest_contact`.
     """
     sampling = sampling or PushSampling()
     # The patch starts a little inside, so that the nearly straight corners of a round outline do not count.
     patch = RimPatch(sampling.corner_margin, 0.1 * sampling.corner_margin, sampling.bottom_depth)
-    height = max(
-        0.0, min(tip_radius + sampling.tip_clearance - 0.5 * plate.height, 0.5 * plate.height - sampling.top_margin)
-    )
+    # A little higher than the lowest, so that rounding decides nothing.
+    below_top = min(sampling.top_margin, max(sampling.least_top_margin, plate.height - lowest - _CLEARLY))
+    height = max(0.0, min(tip_radius + sampling.tip_clearance - 0.5 * plate.height, 0.5 * plate.height - below_top))
     contacts = [
         contact
         for station in rim_stations(plate.outline, sampling.count, patch, reach)
@@ -107,6 +119,18 @@ def generate_pushes(
         if _angle(contact[2], contact[1]) <= sampling.axis_angle_max + 1e-9
     ]
     return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
+
+
+def lowest_contact(tip_radius: float, margin: float, beyond: float = math.inf) -> float:
+    """Return the height above what a plate lies on [m], below which a tip at the plate's sides has no room.
+
+    Args:
+        tip_radius: of the stick's hemispherical tip [m].
+        margin: distance that the tip keeps from what the plate lies on [m].
+        beyond: how far what it lies on reaches beyond the plate [m].
+    """
+    aside = max(0.0, tip_radius - beyond)
+    return math.sqrt(max(0.0, (tip_radius + margin) ** 2 - aside**2))
 
 
 def least_thickness(tip_radius: float, margin: float, sampling: PushSampling, beyond: float = math.inf) -> float:
@@ -118,8 +142,7 @@ def least_thickness(tip_radius: float, margin: float, sampling: PushSampling, be
         sampling: how close to the top face a plate is pushed.
         beyond: how far what it lies on reaches beyond the plate [m].
     """
-    aside = max(0.0, tip_radius - beyond)
-    return math.sqrt(max(0.0, (tip_radius + margin) ** 2 - aside**2)) + sampling.top_margin
+    return lowest_contact(tip_radius, margin, beyond) + sampling.least_top_margin
 
 
 def largest_tip(thickness: float, margin: float, sampling: PushSampling, beyond: float = math.inf) -> float:
@@ -128,7 +151,7 @@ def largest_tip(thickness: float, margin: float, sampling: PushSampling, beyond:
     The inverse of `least_thickness`, with its arguments but for the tip's radius, in place of which is the plate's
     thickness [m].
     """
-    room = thickness - sampling.top_margin
+    room = thickness - sampling.least_top_margin
     if room - margin <= beyond:
         return room - margin
     return (room**2 + beyond**2 - margin**2) / (2.0 * (margin + beyond))
