@@ -132,8 +132,9 @@ class ToolPlannerSettings:
     """Suction poses of an object that are tried at all."""
     sequences: int = 8
     """Sequences of one suction pose whose motion is tried before the next suction pose."""
-    slow_motion: float = 6.0
-    """Where the longest motion of a sequence takes longer than this, others are tried too [s]."""
+    slow_motion: float = 10.8
+    """Where the longest motion of a sequence takes longer than a way of so many times what the shorter arm reaches, at
+    the pace of what is carried, others are tried too [1]."""
     second_thoughts: int = 3
     """Slow sequences of one object that are put back while others are tried; the shortest of all is moved."""
     group_tries: int = 16

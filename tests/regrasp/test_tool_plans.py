@@ -113,6 +113,21 @@ def test_second_thoughts_about_slow_motion_never_make_one_object_slower(handover
     assert seconds == sorted(seconds, reverse=True)
 
 
+def test_others_are_tried_where_a_motion_is_longer_than_the_longest_way_to_scale(handovers: HandoverDatabase) -> None:
+    objects = json.loads((TASKS / "can_stack.json").read_text())["objects"]
+    scene = scene_of("can_stack", objects=objects[:1])
+    plain = SuctionToolPlanner(scene, replace(SETTINGS, second_thoughts=0), handovers, silent).plan()
+    longest = max(segment.trajectory.duration for segment in plain.segments)
+    reach = min(arm.robot.reach for arm in scene.cell.arms.values())
+    times = longest * SETTINGS.carried.speed / reach
+    tried = [
+        SuctionToolPlanner(scene, replace(SETTINGS, slow_motion=share * times), handovers, silent).plan()
+        for share in (0.99, 1.01)
+    ]
+    one, other = (int(plan.search["sequences"] or 0) for plan in tried)
+    assert one > other == int(plain.search["sequences"] or 0)
+
+
 def test_a_spent_budget_is_told_as_not_found_with_counts(handovers: HandoverDatabase) -> None:
     motion = replace(SETTINGS.motion, straight_attempts=0, max_iterations=0)
     settings = replace(SETTINGS, motion=motion, tries=3, orders=0)

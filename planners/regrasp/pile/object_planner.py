@@ -104,6 +104,9 @@ class ObjectPlanner:
         self.room = ToolRoom(choreographer.queries, settings.carry.descent)
         self.later_room = ToolRoom(choreographer.queries, settings.carry.descent, objects=False)
         self.settings, self.progress = settings, progress
+        reach = min(arm.robot.reach for arm in choreographer.workcell.cell.arms.values())
+        self._slow = settings.slow_motion * reach / settings.carried.speed
+        """What takes longer is slow [s]."""
 
     def plan(
         self, state: SceneState, target: MovedObject, suctions: SuctionPoses, following: Following | None
@@ -176,7 +179,7 @@ class ObjectPlanner:
                 if total < least:
                     best, least = (done, (route, sequence)), total
                 edge, seconds = _slowest(state, realised, number, sequence)
-                if seconds <= self.settings.slow_motion or not second_thoughts:
+                if seconds <= self._slow or not second_thoughts:
                     break
                 second_thoughts -= 1
                 route.delete(edge, Rejection("transit", f"A motion of {seconds:.1f} s: a shorter way was looked for"))
