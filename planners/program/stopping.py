@@ -24,12 +24,11 @@ from planners.plan.contacts import SoftFingerContact, SuctionContact
 from planners.plan.plan import Plan
 from planners.plan.segment import Grip, Segment, SegmentKind
 from planners.regrasp.statics.finger_forces import least_squeeze
+from planners.regrasp.statics.hold_statics import SUDDEN
 from planners.regrasp.statics.mass_properties import MassProperties
 from planners.regrasp.suction.suction_hold import cup_uses
 from planners.scene.suction_tool import TOOL_NAME, CupData
 
-SUDDEN = 2.0
-"""How much more a load asks of what gives way when it is applied at once [1]."""
 SHARES = (0.01, 0.02, 0.03, 0.04, *(0.05 * k for k in range(1, 21)))
 """Of the planned speed, those that are asked about: the answer is one of them."""
 

@@ -36,6 +36,8 @@ from planners.scene.placements import still_solids
 from planners.scene.suction_tool import TOOL_NAME
 from planners.scene.tool_scene import SuctionToolScene
 
+SUDDEN = 2.0
+"""How much more a load asks of what gives way like a spring, as fingers and cup do, when it comes at once [1]."""
 _SLOWEST = 32.0
 """Factors of time beyond which slowing down is not tried: inertia is a thousandth of what it was."""
 _SLOWING_STEPS = 12
@@ -205,14 +207,18 @@ class HoldStatics:
     def stretch(self, segment: ToolSegment, places: Mapping[str, Transform]) -> float | None:
         """Return the factor, 1 or more, by which a segment's time must be stretched for cup and fingers to hold.
 
-        None where they would not hold however slow it is.
+        What they carry swings on them: a motion that sets in faster than that swings asks up to `SUDDEN` times its
+        inertia of them. So much is held, whatever the stiffness, which nobody states.
+
+        Returns:
+            None where they would not hold however slow it is.
         """
         if not bearers(segment):
             return 1.0
         loads = self._loads(segment, places)
 
         def holds(slowness: float) -> bool:
-            return self._bearing(segment, loads, slowness).margin >= 0.0
+            return self._bearing(segment, loads, slowness / math.sqrt(SUDDEN)).margin >= 0.0
 
         if holds(1.0):
             return 1.0
