@@ -7,7 +7,7 @@ from itertools import groupby
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.segment import ContactState
-from planners.plan.simulation import LiftSimulation, Simulation, ToolSimulation
+from planners.plan.simulation import LiftSimulation, ToolSimulation, failure_of
 from planners.plan.verdicts import Cause, LeastReserve, Remedy, shortage_words
 
 PLANNING_STEPS = frozenset({"balance", "capacity", "clearance", "grasp", "reach", "transfer", "transit", "torque"})
@@ -134,15 +134,8 @@ def _simulated(plan: Plan, seconds: float) -> str:
         case ToolSimulation(outcome="done"):
             return f"done, in {seconds:.1f} s"
         case _:
-            when, cause = failure_of(simulation)
-            return f"FAILED: {simulation.outcome} at {when:.2f} s of motion: {cause}"
-
-
-def failure_of(simulation: Simulation) -> tuple[float, str]:
-    """Return when a simulation failed [s], and what gave way, without a full stop."""
-    failed_at = simulation.failed_at if isinstance(simulation, ToolSimulation) else None
-    cause = simulation.cause or "it is not told what gave way"
-    return simulation.time if failed_at is None else failed_at, cause.rstrip(".")
+            failure = failure_of(simulation)
+            return "lifted" if failure is None else f"FAILED: {failure.words()}"
 
 
 def contact_states(plan: Plan) -> list[str]:

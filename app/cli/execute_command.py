@@ -22,7 +22,7 @@ from planners.contract.task_spec import write_task
 from planners.plan.scenery import ARMS
 from planners.program import NotExportable, Schedule
 from planners.program.archive import check_urscript
-from planners.program.guard import exportable
+from planners.program.guard import exportable, physics_words
 from planners.program.recovery import CannotPlanOn, task_from, way_back
 from planners.program.schedule import ProgramStep
 from planners.program.urscript import JOINT_TOLERANCE, SITE_FUNCTIONS
@@ -83,6 +83,7 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | No
             stack.callback(link.close)
         settings = ExecutionSettings(request.speed, request.stops_may_drop, functions=functions)
         _tell_steps(schedule, settings)
+        _say(f"  {physics_words(schedule.plan)}")
         faults = [*_unborne(schedule, settings), *_faults(schedule, links)]
         for fault in faults:
             sys.stderr.write(f"liftwright: {fault}\n")

@@ -13,7 +13,9 @@ from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, known_cells, load_cell
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import AssetError
+from planners.plan.plan import Plan
 from planners.program import NotExportable, ProgramTarget, write_program
+from planners.program.guard import physics_words
 from planners.program.urscript import Handshake
 
 EXPORTED, REFUSED = 0, 2
@@ -43,6 +45,7 @@ def export_file(path: Path, target: ProgramTarget, handshake: Handshake, site: P
     place = out or path.with_name(f"{path.stem}.{target.value}.zip")
     place.write_bytes(program)
     sys.stdout.write(f"{place}: {len(program) / 1e3:.0f} kB, for {cell.name}; docs/robot.md says how to run it\n")
+    sys.stdout.write(f"{physics_words(Plan.read(document))}\n")
     return EXPORTED
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.summary import contact_word, failure_of
+from app.summary import contact_word
 from app.viewer.charts import MILLIMETRES, PERCENT
 from app.viewer.description import (
     FigureGroup,
@@ -20,7 +20,7 @@ from app.viewer.description import (
 from planners.contract.task_spec import PlateLiftTask
 from planners.plan.loads import largest_load
 from planners.plan.segment import Segment, SegmentKind
-from planners.plan.simulation import LiftSimulation, NodeComparison, SimulatedLift
+from planners.plan.simulation import LiftSimulation, NodeComparison, SimulatedLift, failure_of
 
 OUTCOMES = {"lifted": "lifted", "slipped": "slipped", "cup_lost": "cup lost", "overload": "overload"}
 BEARERS = {"left": "left hand", "right": "right hand", "cup": "cup", "support": "support"}
@@ -121,12 +121,14 @@ def _hold(segment: Segment) -> str:
 
 
 def _sentence(simulation: LiftSimulation) -> str:
-    lift = simulation.lift
-    if simulation.outcome == "lifted" and lift is not None:
-        return f"The plate was lifted by {MILLIMETRES * lift.height:.0f} mm."
-    time, cause = failure_of(simulation)
+    lift, failure = simulation.lift, failure_of(simulation)
+    if failure is None:
+        return (
+            "The plate was lifted." if lift is None else f"The plate was lifted by {MILLIMETRES * lift.height:.0f} mm."
+        )
+    time = failure.time
     when = f"{time:.2f} s" if lift is None else f"{time:.2f} s, {time - lift.begin:.2f} s into the lift"
-    return f"At {when}: {cause}."
+    return f"At {when}: {failure.cause}."
 
 
 def _figures(simulation: LiftSimulation) -> list[FigureGroup]:

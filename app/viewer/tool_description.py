@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.summary import failure_of
 from app.viewer.charts import MILLIMETRES, PERCENT, cup_shares
 from app.viewer.description import (
     FigureGroup,
@@ -21,7 +20,7 @@ from app.viewer.playback import objects_of_segments
 from planners.contract.task_spec import SuctionToolTask, ToolName
 from planners.plan.plan import Plan
 from planners.plan.segment import Segment, riding_on
-from planners.plan.simulation import ToolSimulation
+from planners.plan.simulation import ToolSimulation, failure_of
 from planners.scene.suction_tool import TOOL_NAME
 
 OUTCOMES = {
@@ -189,11 +188,11 @@ def _largest_squeeze(plan: Plan) -> tuple[float, str]:
 
 
 def _sentence(simulation: ToolSimulation) -> str:
-    if simulation.outcome == "done":
+    failure = failure_of(simulation)
+    if failure is None:
         worst = max((error.distance for error in simulation.goals.values()), default=0.0)
         return f"All objects are within {MILLIMETRES * worst:.1f} mm of their goals."
-    failed_at, cause = failure_of(simulation)
-    return f"At {failed_at:.2f} s: {cause}."
+    return f"At {failure.time:.2f} s: {failure.cause}."
 
 
 def _figures(simulation: ToolSimulation) -> list[FigureGroup]:

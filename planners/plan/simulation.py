@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field, JsonValue
 
@@ -196,6 +196,30 @@ def _with_its_kind(simulation: Any) -> Any:
     if isinstance(simulation, dict) and "kind" not in simulation:
         return {"kind": "plate_lift", **simulation}
     return simulation
+
+
+class PhysicsFailure(NamedTuple):
+    """In which way a plan failed in physics."""
+
+    outcome: str
+    """As in the document."""
+    time: float
+    """When [s]."""
+    cause: str
+    """What gave way, without a full stop."""
+
+    def words(self) -> str:
+        """Say it in a line."""
+        return f"{self.outcome} at {self.time:.2f} s of motion: {self.cause}"
+
+
+def failure_of(simulation: LiftSimulation | ToolSimulation | None) -> PhysicsFailure | None:
+    """Return how a plan failed in physics; None where it did not, or was not tried."""
+    if simulation is None or simulation.outcome in ("lifted", "done"):
+        return None
+    failed_at = simulation.failed_at if isinstance(simulation, ToolSimulation) else None
+    cause = simulation.cause or "it is not told what gave way"
+    return PhysicsFailure(simulation.outcome, simulation.time if failed_at is None else failed_at, cause.rstrip("."))
 
 
 Simulation = Annotated[LiftSimulation | ToolSimulation, Field(discriminator="kind"), BeforeValidator(_with_its_kind)]

@@ -10,7 +10,7 @@ from enum import StrEnum
 from planners.cell.cell import Cell
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
-from planners.program.guard import NotExportable, exportable
+from planners.program.guard import NotExportable, exportable, physics_words
 from planners.program.schedule import Schedule
 from planners.program.table import COLUMNS, forces_table, steps_table, trajectory_table
 from planners.program.urscript import Handshake, write_urscript
@@ -72,7 +72,8 @@ def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
     check_urscript(cell)
     schedule = Schedule.of(plan)
     scripts = {f"{arm}.script": write_urscript(schedule, arm, handshake) for arm in ARMS}
-    return {**scripts, "README.txt": _UR_README.format(plan=plan, steps=len(schedule.steps), handshake=handshake.value)}
+    words = {"plan": plan, "physics": physics_words(plan), "steps": len(schedule.steps), "handshake": handshake.value}
+    return {**scripts, "README.txt": _UR_README.format(**words)}
 
 
 def _ros2(plan: Plan, cell: Cell, handshake: Handshake) -> Files:
@@ -98,6 +99,7 @@ plan {plan.id}
 digest {plan.digest}
 cell hash {plan.cell.hash}
 {plan.duration:.1f} s in {steps} steps; the controllers wait for each other by {handshake}
+{physics}
 
   left.script, right.script   one for each controller; both begin with what has to be filled in for this site
   plan.json                   the plan itself

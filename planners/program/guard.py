@@ -8,6 +8,7 @@ from planners.cell.cell import Cell
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import LiftwrightError
 from planners.plan.plan import Plan, digest_of
+from planners.plan.simulation import failure_of
 from planners.planning import certificate_of
 
 
@@ -53,3 +54,13 @@ def exportable(document: bytes, cell: Cell) -> Plan:
         failed = [] if again is None else [f"{check.name} ({check.where})" for check in again.failures]
         raise NotExportable(f"it does not pass when it is certified again: {', '.join(failed)}")
     return plan
+
+
+def physics_words(plan: Plan) -> str:
+    """Say in a line how a plan fared in physics: a certificate says nothing of what swings or slides on its way."""
+    if plan.simulation is None:
+        return "It was not tried in physics."
+    failure = failure_of(plan.simulation)
+    if failure is None:
+        return "It was carried out in physics."
+    return f"IN PHYSICS IT FAILED: {failure.words()}. Change the task before a robot runs it."

@@ -14,7 +14,7 @@ from planners.cell.cell import Cell
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.program.cell_description import CellDescription
-from planners.program.guard import NotExportable
+from planners.program.guard import NotExportable, physics_words
 from planners.program.ros2_bag import gripper_topic, segment_times, trajectory_topic, vacuum_topic, write_bag
 from planners.program.schedule import Schedule
 
@@ -152,6 +152,7 @@ plan {plan.id}
 digest {plan.digest}
 cell hash {plan.cell.hash}
 certificate passed, {len(plan.certificate.checks)} checks; {plan.duration:.1f} s in {len(plan.segments)} steps
+{physics_words(plan)}
 
 Nothing here is a safety function. docs/robot.md of Liftwright has the checklist for the first time.
 
