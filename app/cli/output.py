@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from errno import ENOENT
@@ -43,6 +44,8 @@ STAGES = MappingProxyType(
     }
 )
 """What a stage of a job is called to a person who watches it, by its name."""
+LINE_SECONDS = 10.0
+"""Between two lines of progress where there is no terminal [s]."""
 
 
 class BadInput(LiftwrightError):
@@ -100,7 +103,7 @@ def stage_words(name: str) -> str:
 
 
 class ProgressBar:
-    """Shows one job; nothing but its end is left on a screen that is no terminal."""
+    """Shows one job; where there is no terminal, in a line now and then, and its end."""
 
     def __init__(self, job: str = "") -> None:
         """Take what the job is called, where there are several."""
@@ -112,6 +115,7 @@ class ProgressBar:
         columns = (TextColumn("{task.description:<36}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
         self._bar = Progress(*columns, console=Console(stderr=True))
         self._job = self._bar.add_task(f"{self._name}waiting", total=1.0)
+        self._told = time.monotonic()
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -125,6 +129,10 @@ class ProgressBar:
     def show(self, stage: str, fraction: float) -> None:
         """Show the stage, as a plan names it, and how much of the whole is done, 0 … 1."""
         self._bar.update(self._job, description=self._name + stage_words(stage), completed=fraction)
+        now = time.monotonic()
+        if not self._bar.console.is_terminal and now - self._told >= LINE_SECONDS:
+            self._told = now
+            self.say(f"{self._name}{stage_words(stage)}, {100 * fraction:.0f} %")
 
     def say(self, sentence: str) -> None:
         """Print a line over the bar, on any screen."""

@@ -111,7 +111,8 @@ def _why_not_level(who: str, body: Body, surface: LevelFace) -> str:
         hint = scalar_last_hint(body.T_world_body)
         return f"{who} is tilted by {degrees:.3g} degrees; a resting face is level within 0.1 degrees{hint}"
     why = why_apart(face, body.T_world_body, surface.height, f"the {surface.name}")
-    return f"{who} {why}"
+    z = body.T_world_body[2, 3] - float(gaps(face, body.T_world_body, surface.height).mean())
+    return f"{who} {why}; flat on the {surface.name} its z is {z:.6g}"
 
 
 def _check_footprint(corners: Array, surface: LevelFace) -> None:
