@@ -80,6 +80,17 @@ def test_a_process_that_dies_says_nothing_and_the_next_question_is_answered() ->
     with_pool(1, use)
 
 
+def test_a_process_that_died_between_two_questions_is_replaced() -> None:
+    async def use(pool: FeasibilityPool) -> None:
+        before = process_of(await pool.ask("one", wish("")))
+        psutil.Process(before).kill()
+        while pool._keepers["one"].process.alive:
+            await asyncio.sleep(0.01)
+        assert process_of(await pool.ask("one", wish(""))) != before
+
+    with_pool(1, use)
+
+
 def test_with_an_editor_that_leaves_or_gives_up_its_process_ends() -> None:
     async def use(pool: FeasibilityPool) -> None:
         first = process_of(await pool.ask("one", wish("")))

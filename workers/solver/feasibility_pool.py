@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import structlog
@@ -75,7 +74,11 @@ class FeasibilityPool:
     async def _keeper_of(self, editor: str) -> _Keeper | None:
         async with self._entry:
             keeper = self._keepers.pop(editor, None)
-            if keeper is None or not keeper.process.alive:
+            if keeper is not None and not keeper.process.alive:
+                # Whatever it has started goes with it.
+                await self._end(keeper)
+                keeper = None
+            if keeper is None:
                 if not await self._makes_room():
                     return None
                 try:
@@ -99,5 +102,4 @@ class FeasibilityPool:
     async def _end(self, keeper: _Keeper) -> None:
         if self._keepers.get(keeper.editor) is keeper:
             del self._keepers[keeper.editor]
-        with suppress(ProcessLookupError):
-            await keeper.process.kill()
+        await keeper.process.kill()
