@@ -216,6 +216,8 @@ def test_a_task_is_planned_by_mouse_alone_and_its_path_is_followed_as_the_task_c
         page.keyboard.press("ArrowUp")
     expect(page.locator("#feasibility")).to_contain_text("the plate is not held")
     expect(page.locator("#feasibility")).to_contain_text("way is left")
+    # What was asked once is not asked again for ever.
+    page.wait_for_function("!editor.judging && !editor.toJudge")
     page.locator("#undo").click(click_count=1)
     page.locator("#watch").click()
     page.frame_locator("#watch-frame").locator("#outcome.solved").wait_for()

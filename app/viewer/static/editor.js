@@ -182,7 +182,7 @@ class Editor {
       this.toJudge = this.judging;
       return;
     }
-    this.judging = true;
+    [this.judging, this.toJudge] = [true, false];
     this.connection.send({ type: "judge", task: this.draft.task });
   }
 
