@@ -42,7 +42,7 @@ def summarise(plan: Plan) -> str:
     if plan.outcome != "solved":
         return _explain(plan)
     total, seconds = plan.statistics.total_seconds, dict(plan.statistics.times)
-    certifying, simulating = seconds.get("certify", 0.0), seconds.get("simulate", 0.0)
+    certifying, simulating, changing = (seconds.get(stage, 0.0) for stage in ("certify", "simulate", "remedies"))
     force, arm = largest_load(plan)
     lines = {
         "outcome": "solved",
@@ -52,11 +52,11 @@ def summarise(plan: Plan) -> str:
         "largest force": f"{force:.1f} N ({arm} hand)" if arm else "no hand bears anything",
         **_reserve(plan),
         **_joint_torque(plan),
-        "planning time": "not told" if total is None else f"{total - certifying - simulating:.2f} s",
+        "planning time": "not told" if total is None else f"{total - certifying - simulating - changing:.2f} s",
         "certificate": _certificate(plan, certifying),
         "simulation": _simulated(plan, simulating),
     }
-    return "\n".join(f"{name + ':':<16}{text}" for name, text in lines.items())
+    return "\n".join([*(f"{name + ':':<16}{text}" for name, text in lines.items()), *_remedies(plan)])
 
 
 def outcome_line(plan: Plan) -> str:
@@ -163,7 +163,7 @@ def _explain(plan: Plan) -> str:
 
 
 def _remedies(plan: Plan) -> list[str]:
-    """Return what helps where there is no plan, a line each, numbered as `--apply` takes them."""
+    """Return what helps where there is no plan or physics fails, a line each, numbered as `--apply` takes them."""
     remedies = plan.explanation.remedies
     if remedies is None:
         return []
@@ -180,7 +180,8 @@ def _came_of(remedy: Remedy) -> str:
     """Return what came of planning the changed task."""
     force = "" if remedy.largest_force is None else f", at most {remedy.largest_force:.1f} N on a hand"
     kept = "" if remedy.reserve is None else f", {100 * remedy.reserve:.0f} % of every limit kept back"
-    return f"{remedy.outcome}{' and certified' if remedy.certified else ''}{kept}{force}"
+    done = ", carried out in physics" if remedy.simulated else ""
+    return f"{remedy.outcome}{' and certified' if remedy.certified else ''}{kept}{force}{done}"
 
 
 def _cause(cause: Cause) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from importlib.metadata import version
@@ -26,8 +26,8 @@ from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.plan.plan import SCHEMA_VERSION, Plan
 from planners.plan.scenery import JOINT_NAMES, BodyDocument
 from planners.plan.segment import Segment
-from planners.plan.simulation import Simulation
-from planners.plan.verdicts import Cause, Check, ChosenCupPlace, Explanation, Software, StageTime, Statistics
+from planners.plan.simulation import Simulation, failure_of
+from planners.plan.verdicts import Cause, Check, ChosenCupPlace, Explanation, Remedy, Software, StageTime, Statistics
 from planners.progress import Progress, Report, silent
 from planners.regrasp import plan_segments as tool_segments
 from planners.regrasp.considered import considered_by
@@ -36,8 +36,18 @@ from planners.regrasp.planner import infeasible_plan
 from planners.regrasp.reserve_search import plan_with_reserve
 from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
-from planners.remedies.change import Effort
-from planners.remedies.find_remedies import MOST_STEPS, STEPS_OF_PAIRS, find_remedies, why_none, with_cup_at
+from planners.remedies.change import Effort, TaskChange, more_kept_back
+from planners.remedies.find_remedies import (
+    MOST_REMEDIES,
+    MOST_SIMULATED,
+    MOST_STEPS,
+    STEPS_OF_PAIRS,
+    STEPS_OF_SIMULATION,
+    STEPS_WITH_PHYSICS,
+    find_remedies,
+    why_none,
+    with_cup_at,
+)
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.lift_scene import PlateLiftScene
@@ -207,7 +217,7 @@ class TaskSolver:
         found = found.model_copy(update={"id": name, "software": self.software})
         planned = self.clock()
         on_progress(Report("certify", 0, 1))
-        certificate = self._certificate_of(found)
+        certificate = self.certificate_of(found)
         on_progress(Report("certify", 1, 1))
         certified = self.clock()
         times = [("scene", built - begun), *found.statistics.times, ("certify", certified - planned)]
@@ -232,16 +242,21 @@ class TaskSolver:
     ) -> Plan:
         """Return what `solve` has handed to `on_certified`, with what it lacked: whatever became of that `solve`.
 
-        That is a simulation or remedies. `scene` is that of its task; None: it is built.
+        That is a simulation, remedies, or both where physics does not carry the plan out. `scene` is that of its task;
+        None: it is built.
         """
         if certified.outcome != "solved":
             return self._with_remedies(certified, uploads, on_progress).sealed()
         scene = scene or build_scene(certified.task, self.cells, uploads=uploads, tools=self.tools)
-        return self._simulated(certified, scene, certified.task.seed, on_progress)
+        plan = self.simulated(certified, scene, certified.task.seed, on_progress)
+        if failure_of(plan.simulation) is None or not plan.task.options.remedies:
+            return plan
+        return self._with_remedies(plan, uploads, on_progress).sealed()
 
-    def _simulated(
+    def simulated(
         self, certified: Plan, scene: PlateLiftScene | SuctionToolScene, seed: int, on_progress: Progress
     ) -> Plan:
+        """Return a certified plan with what became of it in physics, in its scene, by a seed."""
         assert self.simulate is not None
         begun = self.clock()
         simulation = self.simulate(certified, scene, on_progress, seed)
@@ -250,7 +265,8 @@ class TaskSolver:
         statistics = statistics.taking(times, (statistics.total_seconds or 0.0) + seconds)
         return certified.model_copy(update={"simulation": simulation, "statistics": statistics}).sealed()
 
-    def _certificate_of(self, plan: Plan) -> Certificate | None:
+    def certificate_of(self, plan: Plan) -> Certificate | None:
+        """Return what the certificate says of a plan; None: plans are not certified, or nothing is claimed."""
         if self.certify is None:
             return None
         return certificate_of(plan.write(), self.cells[plan.cell.name], self.certify)
@@ -299,65 +315,106 @@ class TaskSolver:
         return placed, built, found.model_copy(update={"explanation": explanation, "statistics": statistics})
 
     def _with_remedies(self, found: Plan, uploads: Uploads, on_progress: Progress) -> Plan:
-        """Look for changes of a task that has no plan, and add what helps to the explanation."""
-        begun, task = self.clock(), found.task
-        effort = Effort(MOST_STEPS, plan=6 if isinstance(task, PlateLiftTask) else 4)
-        known: dict[str, HandoverDatabase] = {}
-        build = partial(build_scene, cells=self.cells, uploads=uploads, tools=self.tools)
-        # Whether a change leaves a way is asked before it is planned: both need the same reach. Of what does not help
-        # nobody asks why.
-        memory = ReachMemory()
-        remembering = partial(plan_lift, memory=memory, explained=False)
+        """Look for changes of a task that has no plan, and add what helps to the explanation.
 
-        def quiet(report: Report, /) -> None:
-            """Ask whether to stop, and leave it to the search for remedies to tell how far it is."""
-            on_progress(Report("remedies", effort.spent, effort.steps))
-
-        def handovers(
-            cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
-        ) -> HandoverDatabase:
-            """Find handovers once for all changed tasks that have them in common."""
-            key = handover_key(cell, tool, settings)
-            if key not in known:
-                known[key] = self.handovers(cell, tool, settings, progress)
-            return known[key]
-
-        def attempt(changed: PlateLiftTask | SuctionToolTask) -> Plan | None:
-            try:
-                scene = build(changed)
-            except SceneError:
-                return None
-            plan = self.plan(changed, scene, quiet, self.clock, handovers, remembering, persistent=False)
-            if plan.outcome != "solved":
-                return None
-            certificate = self._certificate_of(plan)
-            passed = certificate is not None and certificate.passed
-            return plan.model_copy(update={"certificate": certificate}) if passed else None
-
-        more = Effort(STEPS_OF_PAIRS, plan=6 if isinstance(task, PlateLiftTask) else 4)
-        if isinstance(task, PlateLiftTask):
-            settings, is_open = lift_settings(task.options), found.explanation.cup_place is not None
-            lift = LiftChanges(task, build, settings, effort, quiet, memory, place_is_open=is_open)
-            changes, pairs = lift.by_kind(), partial(lift.in_pairs, more)
-        else:
-            tool = ToolChanges(task, build, found)
-            changes, pairs = tool.by_kind(), tool.in_pairs
-        remedies = find_remedies(changes, attempt, task, effort, on_progress)
-        tried = effort.tried
-        if not remedies:
-            effort = more
-            remedies = find_remedies(pairs(), attempt, task, more, on_progress)
-            tried |= more.tried
-        if found.explanation.cup_place is not None:
+        Of a task whose plan failed in physics what helps is what physics carries out.
+        """
+        begun, failure, explanation = self.clock(), failure_of(found.simulation), found.explanation
+        remedies, tried = _RemedySearch(self, found, uploads, on_progress).found()
+        if explanation.cup_place is not None:
             # They are for the cup where it was put, which the task as posted leaves open.
-            remedies = [with_cup_at(found.explanation.cup_place.position, remedy) for remedy in remedies]
+            remedies = [with_cup_at(explanation.cup_place.position, remedy) for remedy in remedies]
+        failed = "" if failure is None else f" In physics it failed: {failure.words()}."
         helps = f"What helps: {remedies[0].sentence}" if remedies else why_none(tried)
-        summary = f"{found.explanation.summary} {helps}"
-        explanation = found.explanation.model_copy(update={"summary": summary, "remedies": remedies})
+        summary = f"{explanation.summary}{failed} {helps}"
+        explanation = explanation.model_copy(update={"summary": summary, "remedies": remedies})
         seconds, statistics = self.clock() - begun, found.statistics
         times = [*statistics.times, ("remedies", seconds)]
         statistics = statistics.taking(times, (statistics.total_seconds or 0.0) + seconds)
         return found.model_copy(update={"explanation": explanation, "statistics": statistics})
+
+
+class _RemedySearch:
+    """The search for changes of a task that has no plan, or one that fails in physics."""
+
+    def __init__(self, solver: TaskSolver, failed: Plan, uploads: Uploads, on_progress: Progress) -> None:
+        self._solver, self._failed, self._task = solver, failed, failed.task
+        self._fails_in_physics = failure_of(failed.simulation) is not None
+        self._cost = 6 if isinstance(failed.task, PlateLiftTask) else 4
+        steps = MOST_STEPS
+        if self._fails_in_physics:
+            self._cost, steps = self._cost + STEPS_OF_SIMULATION, STEPS_WITH_PHYSICS
+        self._effort, self._on_progress = Effort(steps, plan=self._cost), on_progress
+        self._build = partial(build_scene, cells=solver.cells, uploads=uploads, tools=solver.tools)
+        # Whether a change leaves a way is asked before it is planned: both need the same reach. Of what does not help
+        # nobody asks why.
+        self._memory = ReachMemory()
+        self._plan_lift = partial(plan_lift, memory=self._memory, explained=False)
+        self._handovers: dict[str, HandoverDatabase] = {}
+
+    def found(self) -> tuple[list[Remedy], set[str]]:
+        """Return what helps, and the kinds of changes that were tried."""
+        more = Effort(STEPS_OF_PAIRS, plan=self._cost)
+        changes, pairs = self._changes(more)
+        if self._fails_in_physics:
+            changes = [more_kept_back(self._task), *changes]
+            return self._search(changes, self._effort, MOST_SIMULATED), self._effort.tried
+        remedies, tried = self._search(changes, self._effort), self._effort.tried
+        if not remedies:
+            self._effort = more
+            remedies, tried = self._search(pairs(), more), tried | more.tried
+        return remedies, tried
+
+    def _changes(self, more: Effort) -> tuple[list[Iterator[TaskChange]], Callable[[], Iterable[Iterator[TaskChange]]]]:
+        """Return the changes of every kind, and what gives pairs of them, for which asking may take `more`."""
+        task, failed = self._task, self._failed
+        if isinstance(task, PlateLiftTask):
+            settings, is_open = lift_settings(task.options), failed.explanation.cup_place is not None
+            lift = LiftChanges(
+                task, self._build, settings, self._effort, self._quiet, self._memory, place_is_open=is_open
+            )
+            # What physics does not carry out keeps less back than is asked for, most often.
+            return lift.by_kind(whole_reserve=self._fails_in_physics), partial(lift.in_pairs, more)
+        tool = ToolChanges(task, self._build, failed)
+        return tool.by_kind(), tool.in_pairs
+
+    def _search(
+        self, changes: Iterable[Iterator[TaskChange]], effort: Effort, most: int = MOST_REMEDIES
+    ) -> list[Remedy]:
+        return find_remedies(changes, self._attempt, self._task, effort, self._on_progress, most)
+
+    def _attempt(self, changed: PlateLiftTask | SuctionToolTask) -> Plan | None:
+        """Plan a changed task, certify the plan, and simulate it if the task's own failed there; None: no help."""
+        solver = self._solver
+        try:
+            scene = self._build(changed)
+        except SceneError:
+            return None
+        plan = solver.plan(
+            changed, scene, self._quiet, solver.clock, self._handovers_of, self._plan_lift, persistent=False
+        )
+        if plan.outcome != "solved":
+            return None
+        certificate = solver.certificate_of(plan)
+        if certificate is None or not certificate.passed:
+            return None
+        plan = plan.model_copy(update={"certificate": certificate})
+        if self._fails_in_physics:
+            plan = solver.simulated(plan, scene, self._task.seed, self._quiet)
+        return plan if failure_of(plan.simulation) is None else None
+
+    def _quiet(self, _: Report, /) -> None:
+        """Ask whether to stop, and leave it to the search for remedies to tell how far it is."""
+        self._on_progress(Report("remedies", self._effort.spent, self._effort.steps))
+
+    def _handovers_of(
+        self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
+    ) -> HandoverDatabase:
+        """Find handovers once for all changed tasks that have them in common."""
+        key = handover_key(cell, tool, settings)
+        if key not in self._handovers:
+            self._handovers[key] = self._solver.handovers(cell, tool, settings, progress)
+        return self._handovers[key]
 
 
 def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | None, tried: int) -> ChosenCupPlace:

@@ -161,7 +161,7 @@ def _apply(number: int, plan: Plan, file: TaskFile) -> None:
     """
     from planners.contract.task_change import changed
 
-    if plan.outcome == "solved":
+    if plan.outcome == "solved" and not plan.explanation.remedies:
         sys.stdout.write(f"{'changed task:':<16}none, the task has a plan as it is\n")
         return
     remedies = plan.explanation.remedies or []

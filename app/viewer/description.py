@@ -388,7 +388,7 @@ def _certificate(certificate: Certificate, outcome: str) -> CertificateDescripti
 
 
 def _remedies(plan: Plan) -> list[RemedyDescription] | None:
-    """Return what to change where there is no plan."""
+    """Return what to change where there is no plan, or physics does not carry it out."""
     if plan.explanation.remedies is None:
         return None
     task = write_task(plan.task)
@@ -413,6 +413,8 @@ def _figures_of_remedy(remedy: Remedy) -> str:
         words.append(f"keeps back {PERCENT * remedy.reserve:.1f} %")
     if remedy.largest_force is not None:
         words.append(f"largest force {remedy.largest_force:.1f} N")
+    if remedy.simulated:
+        words.append("carried out in physics")
     return "; ".join(words)
 
 

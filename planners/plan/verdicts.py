@@ -91,7 +91,10 @@ class Cause(StrictModel):
 
 
 class Remedy(StrictModel):
-    """A change of the task with which there is a plan. It was planned and certified before it is told."""
+    """A change of the task with which there is a plan. It was planned and certified before it is told.
+
+    Of a task whose plan failed in physics it was simulated, too.
+    """
 
     kind: str
     """What is changed: "cup_place", "cup_force", "yaw", ... ; several remedies may be of one kind."""
@@ -107,6 +110,8 @@ class Remedy(StrictModel):
     """Share of every limit that that plan keeps back [1]; None: nothing is held."""
     largest_force: Finite | None
     """The most that a hand bears in that plan [N], see `planners.plan.loads`; None: no hand bears anything."""
+    simulated: bool = False
+    """Whether physics carried that plan out, too. It did, where the task has a plan that failed there."""
 
 
 class ChosenCupPlace(StrictModel):
@@ -129,7 +134,8 @@ class Explanation(StrictModel):
     summary: str
     causes: list[Cause] = Field(default_factory=list)
     remedies: list[Remedy] | None = None
-    """Where there is no plan: what to change, the smallest change of each kind first. None: it was not looked for."""
+    """Where there is no plan, or physics does not carry it out: what to change, the smallest change of each kind first.
+    None: it was not looked for."""
     cup_place: ChosenCupPlace | None = None
     """Where the cup sits, and why there. None: the task said where."""
 

@@ -19,6 +19,7 @@ from planners.geometry.pose import Array, Transform, from_pose7, pose_row
 AnyTask = PlateLiftTask | SuctionToolTask
 KINDS = MappingProxyType(
     {
+        "reserve": "more of every limit kept back",
         "cup_place": "another place of the cup",
         "cup_force": "a stronger cup",
         "cup_radius": "a cup of another size",
@@ -44,6 +45,8 @@ KINDS = MappingProxyType(
 TaskOfKind = TypeVar("TaskOfKind", bound=AnyTask)
 SceneOfKind = TypeVar("SceneOfKind")
 
+_RESERVES = (0.2, 0.3)
+"""Shares of every limit to keep back in a pile that fails in physics [1]."""
 _NOWHERE = 1e-6
 """A way that is shorter leads nowhere [m]."""
 _DIGITS = 9
@@ -123,6 +126,18 @@ def moved_pose(pose: tuple[float, ...], by: Array, turn: float = 0.0) -> list[Js
     T_world_body[:3, :3] = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ T_world_body[:3, :3]
     T_world_body[:2, 3] += by
     return numbers(pose_row(T_world_body))
+
+
+def more_kept_back(task: AnyTask) -> Iterator[TaskChange]:
+    """Yield changes with which more of every limit is kept back, of a task whose plan keeps too little in physics."""
+    if isinstance(task, PlateLiftTask):
+        if task.options.minimise != "risk":
+            sentence = 'Keep as much of every limit back as can be, by "minimise": "risk".'
+            yield TaskChange("reserve", sentence, (put("/options/minimise", "risk"),))
+        return
+    for share in (each for each in _RESERVES if each > task.options.reserve):
+        sentence = f"Keep {100 * share:.0f} % of every limit back."
+        yield TaskChange("reserve", sentence, (put("/options/reserve", share),))
 
 
 class Directions:

@@ -12,10 +12,16 @@ from planners.remedies.change import KINDS, AnyTask, Effort, TaskChange, put
 
 MOST_STEPS = 100
 """Of all that is tried for one task: some 20 s on a common core."""
+STEPS_WITH_PHYSICS = 120
+"""Of what is tried for a plan that failed in physics: about a minute."""
+STEPS_OF_SIMULATION = 8
+"""What it takes to simulate a plan."""
 STEPS_OF_PAIRS = 36
 """Of what is tried besides, two changes at once, where no single one helps."""
 MOST_REMEDIES = 5
-"""In all ..."""
+"""In all, ..."""
+MOST_SIMULATED = 2
+"""... of those that are simulated, too, which takes longer than planning, ..."""
 MOST_OF_A_KIND = 3
 """... and of one kind."""
 MOST_TRIES = 4
@@ -28,28 +34,31 @@ def find_remedies(
     task: AnyTask,
     effort: Effort,
     progress: Progress,
+    most: int = MOST_REMEDIES,
 ) -> list[Remedy]:
     """Plan changed tasks, one of each kind in turn, until enough was found or so much was tried.
 
     Args:
         changes: of each kind, the smallest first.
-        attempt: plans a task and certifies the plan; None where there is none that passes.
-        task: that has no plan.
+        attempt: plans a task and certifies the plan, and simulates it if it is to be; None where there is none that
+            passes.
+        task: that has no plan, or one that fails in physics.
         effort: what may be tried.
         progress: told of it; may raise `PlanningCancelled`.
+        most: so many are enough.
 
     Returns:
         What helps, the kinds in their order, and of each kind the smallest change first.
     """
     searches = [_OfKind(each) for each in changes]
-    while sum(len(each.found) for each in searches) < MOST_REMEDIES:
-        open_kinds = [each for each in searches if not each.ended]
-        if not open_kinds:
-            break
+    while open_kinds := [each for each in searches if not each.ended]:
         for each in open_kinds:
             progress(Report("remedies", effort.spent, effort.steps))
             each.try_next(attempt, task, effort)
-    return [remedy for each in searches for remedy in each.found][:MOST_REMEDIES]
+            found = [remedy for each in searches for remedy in each.found]
+            if len(found) == most:
+                return found
+    return [remedy for each in searches for remedy in each.found]
 
 
 def why_none(tried: Iterable[str]) -> str:
@@ -103,4 +112,5 @@ def _remedy(change: TaskChange, plan: Plan) -> Remedy:
         certified=plan.certificate.passed,
         reserve=None if reserve is None else reserve.value,
         largest_force=largest_load(plan)[0] or None,
+        simulated=plan.simulation is not None,
     )

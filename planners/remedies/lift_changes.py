@@ -47,8 +47,8 @@ from planners.scene.lift_scene import PlateLiftScene
 _CUT_STATES = 6
 """States at the cut of the graph whose programs are relaxed."""
 _SHARE_OF_RESERVE = 0.5
-"""Part of the reserve asked for that a way has to keep back before a changed task is planned [1]: where nothing at all
-is kept back, there seldom is a motion too."""
+"""Where there is no plan, a way has to keep back this part of the reserve asked for before a changed task is planned
+[1]: where nothing at all is kept back, there seldom is a motion too."""
 _MORE_FORCE = 4.0
 """A cup of so many times the stated one's force is asked for [1] ..."""
 _BEYOND_NEEDED = 2.0
@@ -121,9 +121,16 @@ class LiftChanges:
         self._rotation = plate[:2, :2]
         """Takes directions on the plate to the world."""
 
-    def by_kind(self) -> list[Iterator[TaskChange]]:
-        """Return the changes of every kind, each in order of size; kinds that concern what is short come first."""
+    def by_kind(self, *, whole_reserve: bool = False) -> list[Iterator[TaskChange]]:
+        """Return the changes of every kind, each in order of size; kinds that concern what is short come first.
+
+        Args:
+            whole_reserve: whether a way has to keep back all that is asked for before a changed task is planned, not
+                only a share of it.
+        """
         planner = self._planner
+        if whole_reserve:
+            self._kept = self._asked.reserve
         forces = [self._cup_force(), self._hands(), self._lifter()]
         if not planner.capacity().suffices:
             # Where the cup may sit anywhere, it sits where the least force does.

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import yaml
 from support.documents import plan_of
-from support.lift_documents import lift_document, segment
+from support.lift_documents import lift_document, segment, simulation
 from support.own_cell import station
 from support.service import ROOT, task
 
@@ -238,6 +238,32 @@ def test_remedies_are_told_with_their_numbers_and_one_is_applied(
     assert str(changed) in told
     assert json.loads(changed.read_bytes()) == {**task(), "cup": {**task()["cup"], "max_force": 32.0}}
     assert json.loads(file.read_bytes()) == task()
+
+
+def test_what_physics_carries_out_is_told_beside_a_plan_that_failed_there_and_is_applied(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    document = lift_document(load_cell("dual_ur3e_lift"))
+    remedies = [{**remedy, "simulated": True} for remedy in REMEDIES]
+    failed = {**simulation(0.1), "outcome": "slipped", "cause": "the stick slid"}
+    explanation = {"summary": "how it is lifted", "remedies": remedies}
+    plan = plan_of(
+        {
+            **document,
+            "outcome": "solved",
+            "simulation": failed,
+            "explanation": explanation,
+            "segments": [segment(0.0, 3)],
+        }
+    )
+    monkeypatch.setattr(Pipeline, "solve", lambda *_: plan)
+    file = _written(tmp_path / "mine.json", task())
+    assert main(["plan", str(file), "--apply", "1"]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert "simulation:     FAILED: slipped" in told[-4]
+    assert told[-3].startswith("what helps:     1. Pull with 31.0 N.")
+    assert told[-2].endswith("carried out in physics.")
+    assert json.loads((tmp_path / "mine.remedy-1.json").read_bytes())["cup"]["max_force"] == 31.0
 
 
 def test_a_remedy_that_is_not_there_is_told(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,12 @@ from planners.contract.task_change import PatchOperation, changed
 from planners.contract.task_spec import PlateLiftTask, write_task
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
-from planners.plan.verdicts import Remedy
+from planners.plan.simulation import LiftSimulation, failure_of
+from planners.plan.verdicts import Certificate, Remedy
 from planners.planning import TaskSolver
 from planners.progress import Report, silent
-from planners.remedies.change import Effort, TaskChange
-from planners.remedies.find_remedies import MOST_OF_A_KIND, MOST_REMEDIES, find_remedies
+from planners.remedies.change import Effort, TaskChange, more_kept_back
+from planners.remedies.find_remedies import MOST_OF_A_KIND, MOST_REMEDIES, MOST_SIMULATED, find_remedies
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tools
 from tests.support.plan_shelf import PlanShelf
@@ -104,9 +105,87 @@ def test_a_proof_is_told_before_remedies_and_given_them_later_as_it_would_have_b
     assert solver.completed(Plan.read(early.write())).digest == whole.digest
 
 
-# The search for them, with planners that are told what to answer.
-
 AB1 = read_task(posted("ab1", {}))
+
+# Plans that fail in physics, with a physics that is told what to carry out.
+
+
+CARRIED_OUT: dict[str, Callable[[PlateLiftTask], bool]] = {
+    "anything else": lambda task: write_task(task) != write_task(AB1),
+    "more kept back": lambda task: task.options.minimise == "risk",
+    "a stronger cup": lambda task: task.cup.max_force > 20.5,
+    "nothing": lambda task: False,
+}
+"""Tasks whose plans physics carries out."""
+
+
+@pytest.mark.parametrize("case", among(CARRIED_OUT, ["anything else"]))
+def test_a_plan_that_fails_in_physics_is_given_what_physics_carries_out(case: str, shelf: PlanShelf) -> None:
+    carried_out = CARRIED_OUT[case]
+    plan, simulated = with_physics(shelf, carried_out, {})
+    failure, remedies = failure_of(plan.simulation), plan.explanation.remedies
+    assert failure is not None
+    assert f"{failure.words()}." in plan.explanation.summary
+    assert remedies is not None
+    changes = [read_task(changed(write_task(plan.task), remedy.patch)) for remedy in remedies]
+    assert all(remedy.simulated and carried_out(task) for remedy, task in zip(remedies, changes, strict=True))
+    # Each of them was seen there, and whatever else was seen there failed.
+    seen = [write_task(task) for task in simulated if carried_out(task)]
+    assert sorted(map(str, seen)) == sorted(str(write_task(task)) for task in changes)
+    assert plan.outcome == "solved"
+    assert len(remedies) <= MOST_SIMULATED
+    if remedies:
+        assert plan.explanation.summary.endswith(remedies[0].sentence)
+    else:
+        assert case != "anything else"
+        assert "Tried in vain: more of every limit kept back, " in plan.explanation.summary
+        assert len(simulated) > 2
+
+
+@pytest.mark.parametrize(("fails", "options"), [(False, {}), (True, {"remedies": False})])
+def test_physics_is_asked_once_where_it_carries_a_plan_out_or_nobody_wants_remedies(
+    fails: bool, options: dict[str, Any], shelf: PlanShelf
+) -> None:
+    plan, simulated = with_physics(shelf, lambda task: not fails, options)
+    assert (plan.explanation.remedies, len(simulated)) == (None, 1)
+    assert (failure_of(plan.simulation) is not None) == fails
+
+
+def with_physics(
+    shelf: PlanShelf, carried_out: Callable[[PlateLiftTask], bool], options: dict[str, Any]
+) -> tuple[Plan, list[PlateLiftTask]]:
+    """Plan AB1 with a physics that carries out some tasks; return the plan, and the tasks it was asked about."""
+    a_plan, asked = shelf.plan(AB1), list[PlateLiftTask]()
+    assert isinstance(AB1, PlateLiftTask)
+    assert isinstance(a_plan.simulation, LiftSimulation)
+    slipped = a_plan.simulation.model_copy(update={"outcome": "slipped", "cause": "the stick slid"})
+
+    def simulate(plan: Plan, *_: object) -> LiftSimulation:
+        assert isinstance(plan.task, PlateLiftTask)
+        asked.append(plan.task)
+        assert isinstance(a_plan.simulation, LiftSimulation)
+        return a_plan.simulation if carried_out(plan.task) else slipped
+
+    solver = TaskSolver(
+        ShippedCells(), {}, plan=lambda task, *_, **__: a_plan.model_copy(update={"task": task}),
+        certify=lambda *_: Certificate(passed=True, checks=[]), simulate=simulate,
+    )  # fmt: skip
+    body = write_task(AB1)
+    return solver.solve(read_task({**body, "options": {**body["options"], **options}})), asked
+
+
+@pytest.mark.parametrize("name", ["ab1", "domino_pile"])
+def test_more_is_kept_back_than_the_task_asks_for(name: str) -> None:
+    task = read_task(posted(name, {}))
+    for change in more_kept_back(task):
+        other = change.applied(task)
+        assert other is not None
+        more = other.options.reserve > task.options.reserve
+        assert more or (isinstance(other, PlateLiftTask) and other.options.minimise == "risk")
+        assert not [again.patch for again in more_kept_back(other) if again.patch == change.patch]
+
+
+# The search for them, with planners that are told what to answer.
 
 
 def force(newtons: float) -> TaskChange:

@@ -92,7 +92,8 @@ class LiftExecution:
                 progress(Report("simulate", round(1000.0 * self._part_done()), 1000))
 
         failure = self._manipulate(report) or self._settle(report) or self._follow(report)
-        progress(Report("simulate", 1, 1))
+        if failure is None:
+            progress(Report("simulate", 1, 1))
         return failure
 
     def prepare(self) -> LiftFailure | None:

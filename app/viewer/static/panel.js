@@ -91,17 +91,17 @@ class Panel {
     ];
   }
 
-  /** Where there is no plan: what to change, each with what came of planning it, and a button that has it planned. */
+  /** Where there is no plan, or physics fails: what to change, each with what came of planning it, and a button that has it planned. */
   remedies({ outcome, remedies, pending }) {
     if (outcome !== "solved" && !remedies && pending) return [heading("What to change"), quiet("Changes are being tried …")];
-    if (outcome === "solved" || !remedies) return [];
+    if (!remedies) return [];
     const items = remedies.map(({ sentence, figures, task }) => {
       const item = element("li", {}, element("b", { textContent: sentence }), element("small", { textContent: figures }));
       if (task && this.scene.post) item.append(element("button", { className: "action", textContent: "Plan it so", onclick: () => this.scene.post(task) }));
       return item;
     });
     return [heading("What to change"), items.length ? element("ul", { className: "remedies" }, ...items)
-      : quiet("No single change that was tried leads to a plan.")];
+      : quiet(outcome === "solved" ? "No change that was tried is carried out in physics." : "No single change that was tried leads to a plan.")];
   }
 
   /** How much of the force limits is kept back where least is, and what would give way; pressed, it goes there. */
