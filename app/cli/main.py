@@ -314,6 +314,9 @@ def _add_plan(command: argparse.ArgumentParser) -> None:
         help="where the plan document goes; of several tasks a folder, with NAME.json for each; without it, nowhere",
     )
     command.add_argument(
+        "--check", action="store_true", help="plan nothing: say what is wrong with the tasks, in a second or two"
+    )
+    command.add_argument(
         "--apply",
         type=_number_from_1,
         metavar="N",
@@ -557,7 +560,9 @@ def _plan(parsed: argparse.Namespace) -> int:
     # A scene may complete the tasks, and a service may be of a newer version, which knows tasks that this one does not.
     check = parsed.scene is None and parsed.service is None and parsed.cell is None
     planner = here if parsed.service is None else by_service
-    return plan_files(parsed.files, parsed.out, planner, check=check, apply=parsed.apply)
+    if parsed.check and not (parsed.service is None and parsed.apply is None and parsed.out is None):
+        parsed.parser.error("--check plans nothing: it goes without --service, --apply and --out")
+    return plan_files(parsed.files, parsed.out, planner, check=check, apply=parsed.apply, plans=not parsed.check)
 
 
 def _export(parsed: argparse.Namespace) -> int:

@@ -64,6 +64,7 @@ def plan_files(
     *,
     check: bool = True,
     apply: int | None = None,
+    plans: bool = True,
 ) -> int:
     """Plan the tasks in files, print what came of each, and return the exit code, of several the worst.
 
@@ -73,6 +74,7 @@ def plan_files(
         load_planner: called only if there is a task to plan.
         check: whether tasks are read before that, so that what is none is refused at once.
         apply: number of the remedy with which a task that has no plan is written anew, beside it; None: none.
+        plans: whether to plan; otherwise it is only told what is wrong with the tasks.
 
     Raises:
         BadInput: Two tasks would have one name, or a document would replace its task.
@@ -92,6 +94,9 @@ def plan_files(
     for job in jobs:
         if job.plan is None:
             _tell_line(job, job.refusal)
+        elif not plans:
+            job.code = SOLVED
+            sys.stdout.write(f"{job.title or f'{job.named}: '}a task that can be planned\n")
         else:
             planned = _plan(job, job.plan)
             if apply is not None and planned is not None and job.file is not None:

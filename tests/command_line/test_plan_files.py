@@ -211,6 +211,23 @@ def test_several_tasks_have_a_line_and_a_document_each_and_end_with_the_worst(
     assert {path.name for path in out.iterdir()} == planned
 
 
+def test_tasks_are_checked_as_they_are_for_planning_and_none_is_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Pipeline, "solve", lambda *_: pytest.fail("a task was planned"))
+    good = str(_written(tmp_path / "good.json", task()))
+    bad = str(_written(tmp_path / "bad.json", {**task(), "plate_pose": [0.3, 0.0, 1.0, 1, 0, 0, 0]}))
+    assert main(["plan", "--check", good]) == 0
+    assert capsys.readouterr().out == f"{good}: a task that can be planned\n"
+    assert main(["plan", "--check", good, bad]) == 3
+    out, refused = capsys.readouterr()
+    assert [line.split()[0] for line in out.splitlines()] == [good, bad]
+    assert "/plate_pose: " in refused
+    for more in ("--apply=1", "--service=http://127.0.0.1:1", f"--out={tmp_path / 'plan.json'}"):
+        with pytest.raises(SystemExit, match="3"):
+            main(["plan", "--check", good, more])
+
+
 REMEDIES = [
     {
         "kind": "cup_force", "sentence": f"Pull with {force} N.", "outcome": "solved", "certified": True,
