@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
 from support.plan_shelf import PlanShelf
 from support.service import ServiceProcess, finished, running_service, task
 
 UNSOLVED, SOLVED = "pb1_weak_cup", "ab1"
 """Shipped tasks: the solver answers a task by its `external_id`, which the first remedy changes too."""
+FAILS = "fails in physics"
 FORCE = 31.0
 REMEDIES = [
     {
@@ -52,6 +53,10 @@ def service(shelf: PlanShelf, data_dir: Path, tmp_path_factory: pytest.TempPathF
     for name, remedies in ((UNSOLVED, REMEDIES), ("none helps", [])):
         told = {**documents[UNSOLVED]["explanation"], "remedies": remedies}
         documents[name] = {**documents[UNSOLVED], "explanation": told}
+    failed = {**documents[SOLVED]["simulation"], "outcome": "slipped", "cause": "the stick slid"}
+    for name, remedies in ((FAILS, [{**remedy, "simulated": True} for remedy in REMEDIES]), ("nothing mends", [])):
+        told = {**documents[SOLVED]["explanation"], "remedies": remedies}
+        documents[name] = {**documents[SOLVED], "explanation": told, "simulation": failed}
     for name, document in documents.items():
         (folder / f"{name}.json").write_text(json.dumps(document))
     solver = (sys.executable, "-m", "tests.support.document_solver", str(folder))
@@ -108,6 +113,18 @@ def test_a_remedy_that_does_not_fit_is_told_but_offers_no_button(window: Page, s
 def test_that_no_change_helps_is_said(window: Page, service: ServiceProcess) -> None:
     open_plan(window, service, "none helps")
     assert "No single change" in window.locator("#tab-body").inner_text()
+
+
+def test_what_physics_carries_out_is_told_beside_a_plan_that_fails_there(window: Page, service: ServiceProcess) -> None:
+    open_plan(window, service, FAILS)
+    expect(window.locator("#tab-body")).to_contain_text("fails in physics. What mends that:")
+    first = window.locator(".remedies li").first
+    assert "carried out in physics" in first.inner_text()
+    first.get_by_role("button").click()
+    wait_for_plan(window, SOLVED)
+    expect(window.locator("#tab-body")).not_to_contain_text("What mends that")
+    open_plan(window, service, "nothing mends")
+    expect(window.locator("#tab-body")).to_contain_text("No change that was tried mends that.")
 
 
 def test_a_task_that_is_refused_says_why(window: Page, service: ServiceProcess) -> None:

@@ -100,8 +100,11 @@ class Panel {
       if (task && this.scene.post) item.append(element("button", { className: "action", textContent: "Plan it so", onclick: () => this.scene.post(task) }));
       return item;
     });
-    return [heading("What to change"), items.length ? element("ul", { className: "remedies" }, ...items)
-      : quiet(outcome === "solved" ? "No change that was tried is carried out in physics." : "No single change that was tried leads to a plan.")];
+    const none = outcome === "solved" ? "No change that was tried mends that." : "No single change that was tried leads to a plan.";
+    const fails = "The plan passed its certificate and fails in physics. ";
+    const told = items.length ? [element("ul", { className: "remedies" }, ...items)] : [quiet(outcome === "solved" ? fails + none : none)];
+    if (outcome === "solved" && items.length) told.unshift(quiet(`${fails}What mends that:`));
+    return [heading("What to change"), ...told];
   }
 
   /** How much of the force limits is kept back where least is, and what would give way; pressed, it goes there. */
