@@ -17,7 +17,7 @@ from planners.plan.verdicts import LeastReserve
 
 STEPS = 200
 """A reserve is found as a whole multiple of one part in so many [1]."""
-JOINTS = "joint torque"
+JOINTS = "joints, which would not bear forces that keep more back"
 """Name of the limit that is none of forces."""
 _ROUNDING = 1e-9
 """Of a number of steps [1]."""
