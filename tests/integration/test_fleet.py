@@ -47,9 +47,10 @@ class Fleet:
     def plan(self, plan: dict[str, Any]) -> dict[str, Any]:
         return self.client.get(plan["links"]["self"]).json()
 
-    def begun(self, plan: dict[str, Any]) -> bool:
+    def begun(self, plan: dict[str, Any], attempt: int = 1) -> bool:
+        """Tell whether an attempt has begun: what is running and is nobody's looks as it did in the one before."""
         now = self.plan(plan)
-        return now["state"] == "running" and now["progress"]["fraction"] > 0.0
+        return now["state"] == "running" and now["progress"]["fraction"] > 0.0 and now["attempts"] >= attempt
 
 
 @pytest.fixture(scope="module")
@@ -210,8 +211,8 @@ def test_a_job_that_takes_each_worker_with_it_is_given_up_and_the_next_one_runs(
             poison = fleet.post("hang")
             worker.start()
             try:
-                for _ in range(3):
-                    wait_for(lambda: fleet.begun(poison))
+                for attempt in range(1, 4):
+                    wait_for(lambda attempt=attempt: fleet.begun(poison, attempt))
                     worker.end(signal.SIGKILL)
                     worker.start()
                 poison = finished(client, poison)
