@@ -133,11 +133,16 @@ def more_kept_back(task: AnyTask) -> Iterator[TaskChange]:
     if isinstance(task, PlateLiftTask):
         if task.options.minimise != "risk":
             sentence = 'Keep as much of every limit back as can be, by "minimise": "risk".'
-            yield TaskChange("reserve", sentence, (put("/options/minimise", "risk"),))
+            yield TaskChange("reserve", sentence, (_with_option(task, "minimise", "risk"),))
         return
     for share in (each for each in _RESERVES if each > task.options.reserve):
         sentence = f"Keep {100 * share:.0f} % of every limit back."
-        yield TaskChange("reserve", sentence, (put("/options/reserve", share),))
+        yield TaskChange("reserve", sentence, (_with_option(task, "reserve", share),))
+
+
+def _with_option(task: AnyTask, name: str, value: JsonValue) -> PatchOperation:
+    """Return the operation that sets an option, in tasks as posted, too, which may have no options at all."""
+    return put("/options", {**task.options.model_dump(mode="json", exclude_defaults=True), name: value})
 
 
 class Directions:

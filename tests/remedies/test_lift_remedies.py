@@ -175,14 +175,21 @@ def with_physics(
 
 
 @pytest.mark.parametrize("name", ["ab1", "domino_pile"])
-def test_more_is_kept_back_than_the_task_asks_for(name: str) -> None:
-    task = read_task(posted(name, {}))
-    for change in more_kept_back(task):
+@pytest.mark.parametrize("options", [{}, {"options": {"reserve": 0.25, "simulate": True}}])
+def test_more_is_kept_back_than_the_task_asks_for(name: str, options: dict[str, Any]) -> None:
+    body = {member: value for member, value in posted(name, {}).items() if member != "options"} | options
+    task = read_task(body)
+    changes = [*more_kept_back(task)]
+    assert changes
+    for change in changes:
         other = change.applied(task)
         assert other is not None
+        assert read_task(changed(body, change.patch)) == other
         more = other.options.reserve > task.options.reserve
         assert more or (isinstance(other, PlateLiftTask) and other.options.minimise == "risk")
-        assert not [again.patch for again in more_kept_back(other) if again.patch == change.patch]
+        # Nothing but that has changed, and nothing is offered twice.
+        assert {**write_task(other), "options": None} == {**write_task(task), "options": None}
+        assert change.sentence not in [again.sentence for again in more_kept_back(other)]
 
 
 # The search for them, with planners that are told what to answer.
