@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 ONCE ?=
 PART ?=
 CORES := --numprocesses auto --dist loadfile --no-loadscope-reorder
+# Slow tests wait for services and browsers half of the time: one process more than there are cores waits beside the others.
+MORE := --numprocesses $(shell echo $$(($$(nproc) + 1))) --dist loadfile --no-loadscope-reorder
 # There is a process for each core already.
 export OPENBLAS_NUM_THREADS := 1
 # Dozens of processes read the same modules: whoever wants none compiled on disk, as images of containers do, waits for each.
@@ -36,7 +38,7 @@ test: setup ## every law, on a sample where the whole takes long, on all cores
 	@$(BIN)/python -m pytest -q $(CORES)
 
 test-all: setup ## every law on the whole of its cases; faults at random, the whole interface fuzzed
-	@$(BIN)/python -m pytest -q --all $(CORES)
+	@$(BIN)/python -m pytest -q --all $(MORE)
 
 check: setup ## format, lint, types
 	@$(BIN)/ruff format --check .

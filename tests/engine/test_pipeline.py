@@ -65,9 +65,14 @@ def a_slip(_plan: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
     return LiftSimulation.model_validate(simulation(1.0, outcome="slipped", seed=seed))
 
 
+def a_lift(_plan: Any, _scene: Any, progress: Any, seed: int) -> LiftSimulation:
+    progress(Report("simulate", 1, 1))
+    return LiftSimulation.model_validate(simulation(1.0, seed=seed))
+
+
 def pipeline(*, passed: bool, **given: Any) -> Pipeline:
     ticks = itertools.count()
-    steps: dict[str, Any] = {"plan": a_plan, "certify": verdict(passed=passed), "simulate": a_slip, **given}
+    steps: dict[str, Any] = {"plan": a_plan, "certify": verdict(passed=passed), "simulate": a_lift, **given}
     return Pipeline(TaskSolver(CELLS, {}, clock=lambda: float(next(ticks)), **steps))
 
 
@@ -129,7 +134,8 @@ def test_stages_are_reported_in_order() -> None:
 
 
 def test_a_simulation_that_fails_is_told_and_the_plan_is_delivered() -> None:
-    simulation = pipeline(passed=True).solve(SolverRequest("p1", {**task(), "seed": 7}), silent).simulation
+    request = SolverRequest("p1", {**task(options={"remedies": False}), "seed": 7})
+    simulation = pipeline(passed=True, simulate=a_slip).solve(request, silent).simulation
     assert isinstance(simulation, LiftSimulation)
     assert (simulation.outcome, simulation.seed) == ("slipped", 7)
 
