@@ -13,7 +13,8 @@ from support.plan_shelf import PlanShelf
 from workers.solver.warm_up import forget_stale_kernels
 
 LONG_FIRST = (
-    "robot/test_execution",
+    "robot/test_execution_in_physics",
+    "robot/test_",
     "benchmarks/test_report",
     "soak/",
     "viewer/test_viewer_in_browser",

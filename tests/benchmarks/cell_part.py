@@ -1,4 +1,4 @@
-"""The part of RESULTS.md on the shipped cells: what share of random tasks is solved in each, and in what time."""
+"""The part of RESULTS.md on the shipped cells: how many random tasks are solved, how fast, and what physics says."""
 
 from __future__ import annotations
 
@@ -56,10 +56,11 @@ def measure(effort: Effort, note: Note, _folder: Path) -> Findings:
         cases = [(cell, EXAMPLES[cell]) for cell in effort.cells]
         told = partial(_told, note)
         found = repeated(
-            file, partial(attempt, kept), cases, effort.cell_tasks, effort.processes, told, effort.most_attempts
-        )
+            file, partial(attempt, kept, effort.cell_simulations), cases, effort.cell_tasks, effort.processes, told,
+            effort.most_attempts,
+        )  # fmt: skip
     figures = [CellFigures(cell, attempts) for (cell, _), attempts in zip(cases, found, strict=True)]
-    return Findings(_limits(figures), [_outcomes(figures), _reasons(figures)])
+    return Findings(_limits(figures), [_outcomes(figures), _reasons(figures), _physics(figures)])
 
 
 def _told(note: Note, words: str) -> None:
@@ -131,6 +132,25 @@ def _reasons(figures: Sequence[CellFigures]) -> str:
         return f"{head}\n\nAll are solved."
     rows = [[cell, outcome, why, count] for (cell, outcome, why), count in reasons.most_common()]
     return f"{head}\n\n" + table(("cell", "ended as", "why", "tasks"), rows)
+
+
+def _physics(figures: Sequence[CellFigures]) -> str:
+    """Tell how many plans are carried out in physics, which certificates know nothing of, and how the others fail."""
+    tried = {each.cell: [plan for plan in each.attempts if plan.physics is not None] for each in figures}
+    shares = [
+        [cell, len(plans), share(sum(not plan.physics for plan in plans), len(plans))]
+        for cell, plans in tried.items() if plans
+    ]  # fmt: skip
+    failed = [[plan.cell, plan.seed, plan.physics] for plans in tried.values() for plan in plans if plan.physics]
+    parts = [
+        "### Plans of random tasks in physics",
+        "Certified plans of the first seeds, executed with what neither plan nor certificate knows: a sensor's noise, "
+        "a lifter whose force is off, contacts that slip.",
+        table(("cell", "plans", "carried out"), shares),
+    ]
+    if failed:
+        parts.append(table(("cell", "seed", "how it fails"), failed))
+    return "\n\n".join(parts)
 
 
 def _without_figures(summary: str) -> str:

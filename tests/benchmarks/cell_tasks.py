@@ -55,6 +55,8 @@ class CellAttempt:
     """As in the plan document, or that its certificate failed, or that the planner broke."""
     summary: str = ""
     """Why it is not solved and certified."""
+    physics: str | None = None
+    """How the plan fails in physics, "" where it does not; None where that was not tried."""
     refused: int = 0
     """Draws before it that the service refuses."""
     objects: int = 1
@@ -77,7 +79,8 @@ class CellAttempt:
 
     def told(self) -> str:
         """Say in a line what came of it."""
-        return f"{self.cell}, seed {self.seed}: {self.outcome} in {self.planning:.2f} s. {self.summary}".strip()
+        said = f"fails in physics: {self.physics}" if self.physics else self.summary
+        return f"{self.cell}, seed {self.seed}: {self.outcome} in {self.planning:.2f} s. {said}".strip()
 
     @classmethod
     def broken(cls, key: tuple[str, str, int], error: BaseException) -> Self:
@@ -85,21 +88,25 @@ class CellAttempt:
         return cls(*key, BROKEN, f"{type(error).__name__}: {error}")
 
 
-def attempt(databases: Path, cell: str, example: str, seed: int) -> CellAttempt:
+def attempt(databases: Path, simulated: int, cell: str, example: str, seed: int) -> CellAttempt:
     """Plan and certify the task of a seed in this process, whose kernels the first one loads.
 
     Args:
         databases: folder of a handover store.
+        simulated: plans of so many seeds are also executed in physics, the first of them.
         cell: that the task is in.
         example: the shipped task that it is drawn around.
         seed: of the draw.
     """
     pipeline = _warm_pipeline(databases, example)
     body, refused = accepted(pipeline.solver.cells, cell, example, seed)
-    plan = certified_plan(pipeline, body)
+    plan = certified_plan(pipeline, body, simulate=seed < simulated)
     objects, summary = len(body.get("objects", "1")), plan.document["explanation"]["summary"]
     told = "" if plan.outcome == SOLVED else summary or plan.reason
-    return CellAttempt(cell, example, seed, plan.outcome, told, refused, objects, **plan.seconds)
+    physics = None
+    if seed < simulated and plan.outcome == SOLVED:
+        physics = "" if plan.failure is None else plan.failure.words()
+    return CellAttempt(cell, example, seed, plan.outcome, told, physics, refused, objects, **plan.seconds)
 
 
 def accepted(cells: Mapping[str, Cell], cell: str, example: str, seed: int) -> tuple[dict[str, Any], int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from time import process_time
 from typing import Any
 
+from planners.plan.simulation import PhysicsFailure, failure_of
 from planners.planning import CertificateFailed
 from planners.progress import silent
 from tests.benchmarks.bench_tasks import TimedCertifier, clocks
@@ -25,18 +26,20 @@ class CertifiedPlan:
     """As in the plan document, or that its certificate failed."""
     reason: str
     """Why it is not solved and certified."""
+    failure: PhysicsFailure | None
+    """In physics; None where it did not fail, or was not tried."""
     seconds: Mapping[str, float]
     """`planning`, spec to document, and `certificate`, wall clock; the same with `_cpu`."""
 
 
-def certified_plan(pipeline: Pipeline, body: Mapping[str, Any]) -> CertifiedPlan:
-    """Plan and certify a task; do not simulate it, and look for no remedies.
+def certified_plan(pipeline: Pipeline, body: Mapping[str, Any], *, simulate: bool = False) -> CertifiedPlan:
+    """Plan and certify a task, and look for no remedies; the plan is simulated only where that is asked for.
 
     Raises:
         SceneError: the task is refused.
     """
     certifier = TimedCertifier(pipeline.solver.certify)
-    task = {**body, "options": {**body.get("options", {}), "simulate": False, "remedies": False}}
+    task = {**body, "options": {**body.get("options", {}), "simulate": simulate, "remedies": False}}
     pipeline = replace(pipeline, solver=replace(pipeline.solver, certify=certifier, clock=process_time))
     begun, reason, outcome = clocks(), "", ""
     try:
@@ -48,6 +51,7 @@ def certified_plan(pipeline: Pipeline, body: Mapping[str, Any]) -> CertifiedPlan
         document,
         outcome or document["outcome"],
         reason or _cause(document),
+        failure_of(plan.simulation),
         {
             "planning": certifier.begun[0] - begun[0],
             "planning_cpu": certifier.begun[1] - begun[1],

@@ -83,6 +83,8 @@ class Effort:
     cells: tuple[str, ...] = tuple(EXAMPLES)
     cell_tasks: int = 100
     """Of each cell."""
+    cell_simulations: int = 25
+    """Of these, whose plans are executed in physics."""
     study_places: int = 12
     """Of the cup along each axis of the plate, in the map of a study."""
     remedy_searches: int = 12
@@ -105,6 +107,6 @@ QUICK = Effort(
     days=DaysEffort(("SQLite",), 10.0, 1.0, 0.2), days_jobs=40,
     fleet=False, random_lifts=2, reserve_runs=1,
     peers=PeersEffort(motions=2, poses=20, iterated=5, programs=5, handovers=0),
-    cells=("dual_ur3_tool",), cell_tasks=1, study_places=2, remedy_searches=0,
+    cells=("dual_ur3_tool",), cell_tasks=1, cell_simulations=1, study_places=2, remedy_searches=0,
 )  # fmt: skip
 """Only shows that everything works; its figures mean nothing."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from planners.cell.cell import load_cells
-from tests.benchmarks.cell_part import CellFigures, _limits, _outcomes, _reasons
+from tests.benchmarks.cell_part import CellFigures, _limits, _outcomes, _physics, _reasons
 from tests.benchmarks.cell_tasks import CUP_SHIFT, EXAMPLES, CellAttempt, accepted
 from tests.benchmarks.tasks import task_body
 
@@ -50,3 +52,13 @@ def test_what_is_not_solved_is_told_by_reason_and_what_may_not_happen_by_number(
     assert not slower.kept
     assert "| dual_ur5e_tool | not found | box is … mm off | 2 |" in _reasons(figures)
     assert "| dual_ur5e_tool | carton_pile | 0 | 3 | 0 (0 %) | 0 (0 %) | 2 (67 %) | 1 (33 %) |" in _outcomes(figures)
+
+
+def test_of_plans_that_were_executed_those_that_fail_are_told_one_by_one() -> None:
+    lifts = attempts("dual_ur3e_lift", 1.0, "solved", "solved", "solved", "not_found")
+    first, second, *untried = lifts.attempts
+    tried = [replace(first, physics=""), replace(second, physics="the stick slid"), *untried]
+    told = _physics([replace(lifts, attempts=tried), attempts("dual_ur3e_tool", 1.0, "solved")])
+    assert "| dual_ur3e_lift | 2 | 1 (50 %) |" in told
+    assert "| dual_ur3e_lift | 1 | the stick slid |" in told
+    assert "dual_ur3e_tool" not in told

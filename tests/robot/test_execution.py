@@ -3,121 +3,39 @@
 from __future__ import annotations
 
 import io
-import json
-import math
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicHermiteSpline
+from support.controller.executed import STANDSTILL, Cell, apart, assert_as_planned, running
 from support.controller.lock_step import LockStep, lock_step, wait_for
-from support.controller.physical_cell import TAKING_ON, PhysicalCell, PhysicalLift, PhysicalPile, physical_cell
 from support.controller.site import CYCLE
-from support.controller.stand_in import Recording, StandIn, hosts
-from support.documents import plan_of
+from support.controller.stand_in import hosts
 from support.moving_plan import DURATION, moving_plan
-from support.plan_shelf import PlanShelf
 from support.samples import among
-from support.service import ROOT, task
 
 from planners.contract.arrays import ArmName
-from planners.contract.task_spec import PlateLiftTask
-from planners.geometry.pose import rotation_angle
-from planners.kinematics.forward import flange_pose
-from planners.lifting.hand_admittance import HandAdmittance
-from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
-from planners.plan.segment import SegmentKind
-from planners.program.schedule import STOP_DURATION, ProgramStep, Schedule, WrenchCurve
-from planners.program.urscript import BEARING_TOLERANCE, SETTLING, ProgramState
+from planners.program.schedule import STOP_DURATION, ProgramStep, Schedule
+from planners.program.urscript import ProgramState
 from workers.robot.arm_link import ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
-from workers.robot.executor import Confirm, Execution, ExecutionSettings, Executor
+from workers.robot.executor import Execution, ExecutionSettings, Executor
 from workers.robot.supervision import StopReason, SupervisionSettings
-from workers.simulation.settings import CupSettings
-
-SHIPPED = sorted(path.name for path in (ROOT / "assets/tasks").glob("*.json"))
-Recordings = Mapping[ArmName, Recording]
-NORMAL = 1
-"""RTDE's `safety_mode` of an arm that was not stopped."""
-STANDSTILL = 0.1
-"""In which both arms must stand still, whatever happens [s]."""
-
 
 SCHEDULE = Schedule.of(moving_plan())
-
-
-@dataclass
-class Cell:
-    """Two controllers on one clock, and what is executed on them."""
-
-    clock: LockStep
-    links: Mapping[ArmName, ArmLink]
-    log: io.StringIO
-
-    @property
-    def stand_ins(self) -> Mapping[ArmName, StandIn]:
-        return self.clock.stand_ins
-
-    def execute(self, confirm: Confirm = lambda _: True, schedule: Schedule = SCHEDULE, **settings: Any) -> Execution:
-        log = ExecutionLog(self.log, self.clock)
-        return Executor(schedule, self.links, log, confirm, ExecutionSettings(**settings)).run()
-
-    def events(self) -> list[dict[str, Any]]:
-        return [line for line in map(json.loads, self.log.getvalue().splitlines()) if "event" in line]
 
 
 @contextmanager
 def cell() -> Iterator[Cell]:
     with lock_step(SCHEDULE) as clock:
-        yield Cell(clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
-
-
-def curve(schedule: Schedule, arm: ArmName, step: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what a plan has an arm do in a step, by SciPy."""
-    mine = schedule.steps[step - 1].arms[arm]
-    if not mine.moves:
-        return lambda times: np.repeat(mine.positions, len(times), axis=0)
-    return CubicHermiteSpline(mine.time, mine.positions, mine.velocities)
-
-
-def assert_as_planned(schedule: Schedule, recordings: Recordings) -> None:
-    """Recorded joints are within 1e-3 rad and one cycle of the plan, in each of its steps."""
-    for arm, recording in recordings.items():
-        for step in schedule.steps:
-            assert off_plan(schedule, arm, step, recording) < 1e-3
-
-
-def off_plan(schedule: Schedule, arm: ArmName, step: ProgramStep, recording: Recording) -> float:
-    """Return how far a joint is off the plan within a cycle, at most in a step [rad]."""
-    rows = running(recording, step.number)
-    assert rows.any()
-    times = recording.path_time[rows]
-    # The joints are sent a cycle before the path's time goes on.
-    off = [
-        np.abs(curve(schedule, arm, step.number)(np.clip(times - late, 0.0, step.duration)) - recording.q[rows]).max(
-            axis=1
-        )
-        for late in np.linspace(0.0, CYCLE, 5)
-    ]
-    return float(np.min(off, axis=0).max())
-
-
-def apart(recordings: Recordings, step: int) -> np.ndarray:
-    """Return by how much the arms are apart on the plan's clock in a step, cycle by cycle [s]."""
-    left, right = (recordings[arm] for arm in ARMS)
-    mine, other = running(left, step), running(right, step)
-    return np.abs(np.interp(left.time[mine], right.time[other], right.path_time[other]) - left.path_time[mine])
-
-
-def running(recording: Recording, step: int) -> np.ndarray:
-    return (recording.step == step) & (recording.state == ProgramState.RUNNING)
+        yield Cell(SCHEDULE, clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
 
 
 def test_both_arms_move_as_planned_and_stay_together() -> None:
@@ -420,216 +338,3 @@ def test_after_a_no_both_programs_have_ended_and_may_go_on_from_there() -> None:
 def test_where_no_controller_is_that_is_said() -> None:
     with pytest.raises(NoLink, match="does not answer"):
         ArmLink("127.0.0.9")
-
-
-def executed(
-    schedule: Schedule, physics: PhysicalCell, seconds: float
-) -> tuple[Execution, Mapping[ArmName, Recording]]:
-    """Execute a plan in a world at its own speed, and follow its lifter for so long after it, if a lift follows."""
-    with lock_step(schedule) as clock:
-        links = {arm: clock.connect(hosts()[arm]) for arm in ARMS}
-        clock.physics = physics
-
-        def confirm(step: ProgramStep | None) -> bool:
-            if step is None:
-                # The lift begins a few cycles after it was confirmed.
-                clock.at(clock.now() + TAKING_ON * SETTLING + seconds + 0.1, executor.end_lift)
-            return True
-
-        settings = ExecutionSettings(stops_may_drop=True)
-        executor = Executor(schedule, links, ExecutionLog(io.StringIO(), clock), confirm, settings)
-        execution = executor.run()
-        return execution, {arm: clock.stand_ins[arm].recording() for arm in ARMS}
-
-
-def assert_on_plate_as_planned(schedule: Schedule, recordings: Recordings) -> None:
-    """Hands on the plate are off the plan by no more than they may give way, and lose that once they have let go."""
-    for arm, recording in recordings.items():
-        described, free = schedule.plan.cell.arms[arm], math.inf
-        for step in schedule.steps:
-            mine = step.arms[arm]
-            assert mine.wrenches is not None
-            rows = np.flatnonzero(running(recording, step.number))[::20]
-            assert len(rows)
-            if mine.wrenches.bears:
-                free = 0.0
-            planned = curve(schedule, arm, step.number)(np.clip(recording.path_time[rows], 0.0, step.duration))
-            if not mine.wrenches.bears:
-                left = BEARING_TOLERANCE * math.exp(-free / HandAdmittance.fading)
-                assert off_plan(schedule, arm, step, recording) < left + 1e-3
-                free += step.duration
-            for q, planned_q in zip(recording.q[rows], planned, strict=True):
-                T, T_planned = (
-                    flange_pose(described.dh, described.T_world_base, each) @ mine.T_flange_tcp
-                    for each in (q, planned_q)
-                )
-                assert np.linalg.norm(T[:3, 3] - T_planned[:3, 3]) < HandAdmittance.largest_correction + 1e-3
-                assert rotation_angle(T[:3, :3], T_planned[:3, :3]) < HandAdmittance.largest_turning + 1e-2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_tasks_that_have_a_plan_are_executed_to_their_end(shelf: PlanShelf, name: str) -> None:
-    """In physics: hands hold the plate, the cup its objects, by nothing but what the programs have the arms do."""
-    document = shelf.document(task(name))
-    if document["outcome"] != "solved":
-        assert "segments" not in document or not document["segments"]
-        return
-    schedule = Schedule.of(plan_of(document))
-    with physical_cell(schedule) as physics:
-        execution, recordings = executed(schedule, physics, 1.0)
-        assert physics.gave_way is None
-        assert execution.is_done, execution.stop
-        for step in schedule.steps:
-            assert np.percentile(apart(recordings, step.number), 99) < 0.008
-        if isinstance(physics, PhysicalLift):
-            assert_on_plate_as_planned(schedule, recordings)
-            assert physics.untracked
-            admittance = HandAdmittance()
-            # What the leak leaves of the largest correction, and what a sensor's noise does.
-            most = admittance.leak * admittance.damping * admittance.largest_correction + 1.0
-            assert all(np.median(off) < most for off in physics.untracked.values())
-            assert physics.samples[-1].followed > 0.0
-        else:
-            assert_as_planned(schedule, recordings)
-            assert_at_goals(physics)
-
-
-def assert_at_goals(physics: PhysicalPile) -> None:
-    watch = physics.execution.settings.watch
-    for error in physics.execution.goal_errors().values():
-        assert error.distance < watch.goal_distance
-        assert error.angle < watch.goal_angle
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "part", "speed", "drops"),
-    [
-        *(("ab1.json", 0.5, 1.0, False), ("pb2.json", 0.8, 1.0, False)),
-        *(("can_stack.json", 0.3, 1.0, False), ("domino_pile.json", 0.7, 1.0, False)),
-        # Far from the hand that bears it, and what the world has to say of a stop from more than a stop is borne from.
-        *(("carton_pile.json", 0.3, 1.0, False), ("carton_pile.json", 0.3, 0.6, True)),
-        ("carton_pile.json", 0.1, 0.25, False),
-    ],
-)  # fmt: skip
-def test_a_stop_on_request_drops_nothing(shelf: PlanShelf, name: str, part: float, speed: float, drops: bool) -> None:
-    settings = ExecutionSettings(speed, stops_may_drop=drops)
-    gave_way = stopped_midway(shelf, name, part, settings, protective=False)
-    assert (gave_way is not None) == drops
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "part"), [("ab1.json", 0.2), ("domino_pile.json", 0.2)])
-def test_a_slow_arm_that_is_stopped_for_protection_drops_nothing(shelf: PlanShelf, name: str, part: float) -> None:
-    """That arm brakes as hard as it can, the other one as programs do, with what they hold."""
-    assert stopped_midway(shelf, name, part, ExecutionSettings(0.25), protective=True) is None
-
-
-def stopped_midway(
-    shelf: PlanShelf, name: str, part: float, settings: ExecutionSettings, *, protective: bool
-) -> str | None:
-    """Stop both arms in the middle of a step in which something is carried; returns what gave way."""
-    schedule = Schedule.of(plan_of(shelf.document(task(name))))
-    carrying = [step for step in schedule.steps if step.kind is SegmentKind.TRANSFER and step.duration > 0.5]
-    step = carrying[round(part * (len(carrying) - 1))]
-    moving = next(arm for arm in ARMS if step.arms[arm].moves)
-    speed = settings.speed_in(step)
-    with physical_cell(schedule) as physics, lock_step(schedule) as clock:
-        clock.physics = physics
-        site = Cell(clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
-        log = ExecutionLog(site.log, clock)
-        done: list[float] = []
-
-        def act() -> None:
-            done.append(clock.now())
-            if protective:
-                clock.stand_ins[moving].tell(protective_stop="by a test")
-            else:
-                executor.ask_to_stop()
-
-        def confirm(begins: ProgramStep | None) -> bool:
-            if begins is not None and begins.number == step.number:
-                clock.at(clock.now() + 0.5 * step.duration / speed, act)
-            return True
-
-        executor = Executor(schedule, site.links, log, confirm, settings)
-        ended = executor.run()
-        assert ended.stop is not None
-        assert ended.stop.reason is (StopReason.PROTECTIVE_STOP if protective else StopReason.ASKED)
-        assert ended.step == step.number
-        clock.sleep(1.0)
-        for arm in ARMS:
-            assert clock.stand_ins[arm].recording().still_since() - done[0] < STANDSTILL
-        return physics.gave_way
-
-
-@contextmanager
-def lift_of(whole: Schedule, seed: int, lets_go: float = math.inf) -> Iterator[tuple[Schedule, PhysicalLift]]:
-    """Give a world in which all but the lift is done, and the last moment of the plan with the lift after it."""
-    with physical_cell(whole, seed, lets_go) as physics:
-        assert isinstance(physics, PhysicalLift)
-        joints, last, moment = physics.prepare(), whole.steps[-1], 0.1
-        ended = {
-            arm: replace(
-                each, time=each.time[:1], positions=joints[arm][None], velocities=each.velocities[-1:],
-                wrenches=WrenchCurve(np.array([0.0, moment]), each.wrenches.values[[-1, -1]]),
-            )
-            for arm, each in last.arms.items()
-            if each.wrenches is not None
-        }  # fmt: skip
-        step = replace(last, begin=last.begin + last.duration, duration=moment, arms=ended)
-        physics.schedule = replace(whole, steps=(step,))
-        yield physics.schedule, physics
-
-
-def heights(schedule: Schedule, arm: ArmName, recording: Recording, since: float) -> np.ndarray:
-    """Return how high a flange is in each control cycle since a time [m]."""
-    described = schedule.plan.cell.arms[arm]
-    joints = recording.q[recording.time > since]
-    return np.array([flange_pose(described.dh, described.T_world_base, q)[2, 3] for q in joints])
-
-
-@pytest.fixture(scope="module")
-def ab1(shelf: PlanShelf) -> Schedule:
-    return Schedule.of(plan_of(shelf.document(task("ab1.json"))))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20))
-def test_hands_follow_whoever_raises_the_lifter_unevenly(ab1: Schedule, seed: int) -> None:
-    """By what wrists feel alone: the cup bears no more than it can for long, and neither hand slips."""
-    seconds, settings = 2.0, CupSettings()
-    with lift_of(ab1, seed) as (schedule, physics):
-        execution, recordings = executed(schedule, physics, seconds)
-        assert physics.gave_way is None
-        assert execution.is_done, execution.stop
-        samples = physics.samples
-    for arm, recording in recordings.items():
-        assert np.diff(heights(ab1, arm, recording, physics.begun)).min() > -1e-6, "a hand went down"
-    assert samples[-1].time > seconds, "the lift ended too soon"
-    assert max(abs(each.risen - each.followed) for each in samples) < settings.travel
-    assert max(each.pull for each in samples) < settings.burst * plate_task(ab1.plan).cup.max_force
-    risen = np.array([each.risen for each in samples])
-    assert samples[-1].followed == pytest.approx(risen[-1], abs=settings.travel)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_a_cup_that_lets_go_leaves_both_hands_at_rest(ab1: Schedule, seed: int) -> None:
-    """What the lifter bore comes on the hands at once: they rise no more, and never go down."""
-    slip = 1.0
-    with lift_of(ab1, seed, lets_go=slip) as (schedule, physics):
-        _, recordings = executed(schedule, physics, slip + 0.5)
-        begun = physics.begun
-    for arm, recording in recordings.items():
-        risen, times = heights(ab1, arm, recording, begun), recording.time[recording.time > begun] - begun
-        assert np.ptp(risen[times < slip]) > 1e-3, "they stood still before"
-        assert np.abs(np.diff(risen[times > slip + STANDSTILL])).max() < 1e-9
-        assert np.diff(risen).min() > -1e-6
-        assert (recording.safety_mode == NORMAL).all()
-
-
-def plate_task(plan: Plan) -> PlateLiftTask:
-    assert isinstance(plan.task, PlateLiftTask)
-    return plan.task
