@@ -61,6 +61,51 @@ def test_hands_that_are_on_the_plate_together_keep_the_arms_apart(planner, assig
             assert planner.reach.pair.compatible(T, (grip.hold.index, push.hold.index), masks) is not None
 
 
+def test_no_hand_comes_or_goes_through_the_other_one(planner, assigner, assignments):
+    for assignment in assignments[:2]:
+        holds = {phase: (phase.hold.index, posture) for phase, posture in assignment.items()}
+        for phase in assigner.sequence.phases:
+            for changes, place in ((phase.first > 0, phase.first), (phase.goes, phase.last)):
+                grip, push = (assigner.sequence.active(hand, place) for hand in ("grip", "push"))
+                if changes and grip is not None and push is not None:
+                    pose = assigner.sequence.poses[place]
+                    assert planner.reach.follower.beside(pose, phase.hand, holds[grip], holds[push]) is None
+
+
+@pytest.mark.parametrize("coming", ["grip", "push"])
+def test_a_hand_comes_beside_the_other_one_where_the_arms_keep_apart(planner, holding_cell, open_cell, coming):
+    """Asked of python-fcl and pinocchio, at more places of its way."""
+    follower, workcell, rng = planner.reach.follower, planner.sampling.workcell, np.random.default_rng(7)
+    margin = workcell.settings.executed_share * workcell.settings.margin
+    cell, seen = holding_cell if coming == "push" else open_cell, {True: 0, False: 0}
+    for _ in range(30000):
+        pose = int(rng.integers(len(planner.sampling.poses.poses)))
+        index = {hand: int(rng.integers(follower.hand(hand).hold_count)) for hand in ("grip", "push")}
+        reached = {hand: bits(follower.reached.at(hand, pose, index[hand])) for hand in ("grip", "push")}
+        if not all(reached.values()):
+            continue
+        held = {hand: (index[hand], int(rng.choice(reached[hand]))) for hand in ("grip", "push")}
+        clear = follower.beside(pose, coming, held["grip"], held["push"]) is None
+        if seen[clear] >= 8:
+            continue
+        seen[clear] += 1
+        T_world_plate = planner.sampling.poses.poses[pose].T_world_plate
+        mover, other = follower.hand(coming), follower.hand("push" if coming == "grip" else "grip")
+        carriers = follower.approach_carriers(T_world_plate, coming, index[coming])
+        finely = np.repeat(T_world_plate[None], 40, axis=0)
+        finely[:, :3, 3] = np.linspace(carriers[0, :3, 3], carriers[-1, :3, 3], 40)
+        q = np.zeros(12)
+        q[other.joints] = other.follow(T_world_plate[None], *held["push" if coming == "grip" else "grip"])[0]
+        slack = []
+        for own in mover.follow(finely, *held[coming]):
+            q[mover.joints] = own
+            slack.append(cell.least_slack(q, T_world_plate, workcell.between_arms, (), margin))
+        assert clear == (min(slack) > 0.0) or abs(min(slack)) < 1e-4
+        if min(seen.values()) == 8:
+            return
+    raise AssertionError(f"hands hardly ever meet, or nearly always: {seen}")
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_a_conflict_leaves_no_posture_and_can_spare_none_of_its_factors(seed):
     rng = np.random.default_rng(seed)

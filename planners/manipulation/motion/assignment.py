@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -125,6 +126,7 @@ class PostureAssigner:
     def pair_problem(self) -> NoAssignment:
         """Say why no pair of postures fits: the motions where none does, which holds to split, or where to give up."""
         failures: list[GraphFailure] = []
+        rejection = Rejection("transfer", "the two arms would touch on the way in every pair of postures")
         clashing: dict[HoldPhase, None] = {}
         for grip in (e for e in self.sequence.phases if e.hand == "grip"):
             for push in (e for e in self.sequence.phases if e.hand == "push"):
@@ -135,6 +137,13 @@ class PostureAssigner:
                     step = self.sequence.motions[place]
                     if step is not None and not self._any_together(step[0], grip, push):
                         failures.append(PairFailure(grip.hold, push.hold, motion=step[0]))
+                for hand, place in _changes(grip, push):
+                    pose = self.sequence.poses[place]
+                    names = self._meeting_beside(pose, hand, grip.hold, push.hold)
+                    if names is not None:
+                        failures.append(PairFailure(grip.hold, push.hold, pose=pose, changing=hand))
+                        way = f"{names[0]} and {names[1]} would touch on the straight way to the plate, and off it"
+                        rejection = Rejection("transit", way)
                 clashing |= {grip: None, push: None}
         splits: dict[HandHold, HoldSplit] = {}
         for phase in clashing:
@@ -142,7 +151,6 @@ class PostureAssigner:
             parts = _parts(hold.postures, [1 << bit for bit in bits(left)])
             if len(parts) > 1:
                 splits.setdefault(hold, HoldSplit(phase.hand, hold, parts))
-        rejection = Rejection("transfer", "the two arms would touch on the way in every pair of postures")
         edge = None if failures or splits else self.sequence.path.edges[-1]
         return NoAssignment(tuple(failures), () if failures else tuple(splits.values()), edge, rejection)
 
@@ -154,6 +162,20 @@ class PostureAssigner:
             for a in bits(grips)
             for b in bits(pushes)
         )
+
+    def _meeting_beside(self, pose: int, coming: Hand, grip: HandHold, push: HandHold) -> tuple[str, str] | None:
+        """Name what touches as a hand comes or goes where the other one is on the plate; None where nothing has to."""
+        follower, reached = self.follower, self.follower.reached
+        if coming == "grip":
+            grips, pushes = follower.approach(pose, "grip", grip.index), reached.at("push", pose, push.index)
+        else:
+            grips, pushes = reached.at("grip", pose, grip.index), follower.approach(pose, "push", push.index)
+        names = None
+        for a, b in product(bits(grips & grip.postures), bits(pushes & push.postures)):
+            names = follower.beside(pose, coming, (grip.index, a), (push.index, b))
+            if names is None:
+                return None
+        return names
 
     def _extend(self, rest: list[HoldPhase], chosen: Assignment) -> Iterator[Assignment]:
         if not rest:
@@ -173,7 +195,7 @@ class PostureAssigner:
         """Postures in the order of their distance from the start position, the farthest joint counting."""
         reach = self.follower.hand(phase.hand)
         T_world_plate = self.follower.poses.poses[self.sequence.poses[phase.first]].T_world_plate[None]
-        home = self.start_positions[reach.first_joint : reach.first_joint + 6]
+        home = self.start_positions[reach.joints]
 
         def distance(posture: int) -> float:
             q = reach.follow(T_world_plate, phase.hold.index, posture, home[None])[0]
@@ -208,10 +230,22 @@ class PostureAssigner:
             step = self.sequence.motions[place] if place < last else None
             if step is not None and not self.follower.together(step[0], one, two):
                 return False
+        for hand, place in _changes(grip[0], push[0]):
+            if self.follower.beside(self.sequence.poses[place], hand, one, two) is not None:
+                return False
         if self._rising is None or grip[0].goes or push[0].goes:
             return True
         holds = HandHold(one[0], 1 << one[1]), HandHold(two[0], 1 << two[1])
         return self._rising.together(self.sequence.poses[last], *holds)
+
+
+def _changes(grip: HoldPhase, push: HoldPhase) -> Iterator[tuple[Hand, int]]:
+    """Yield which of two hands comes or goes while the other one is on the plate, and the place where both are."""
+    for one, other in ((grip, push), (push, grip)):
+        if other.first < one.first <= other.last:
+            yield one.hand, one.first
+        if one.goes and other.first <= one.last < other.last:
+            yield one.hand, one.last
 
 
 def _conflict(postures: int, factors: list[tuple[int, GraphFailure]]) -> list[tuple[int, GraphFailure]]:

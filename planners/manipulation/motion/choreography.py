@@ -114,8 +114,8 @@ class Choreographer:
     ) -> None:
         self.workcell, self.follower, self.balance = workcell, follower, balance
         self.free = FreeMotion(motion or MotionSettings(), rng, persistence=PERSISTENCE)
-        self.no_path: dict[tuple[object, ...], Rejection] = {}
-        """Free motions for which none was found, and why: many sequences ask for the same one."""
+        self.free_motions: dict[tuple[object, ...], tuple[Trajectory, int] | Rejection] = {}
+        """With the goal that each leads to, or why none was found: many sequences ask for the same one."""
         self.pace = pace or PaceSettings()
         self.timing = timing or TimingSettings()
         arms = [workcell.arm(name) for name in ("left", "right")]
@@ -243,15 +243,19 @@ class _Run:
         query = self.workcell.moving_arm_query(arm, self.state.T_world_plate, self._holding_arms())
         joints, data = self.workcell.joints(arm), self.workcell.arm(arm)
         asked = (hand, self.state.pose, frozenset(self._holding_arms()), *(_rounded(Q) for Q in (self.state.q, goals)))
-        if asked in self.plan.no_path:
-            raise Stuck(self.plan.no_path[asked])
-        try:
-            path, chosen = self.plan.free.find(FreeMove(f"{hand} hand", data, joints, self.state.q, goals, query))
-        except Stuck as stuck:
-            self.plan.no_path[asked] = stuck.rejection
-            raise
-        timed = self._timed(path, JointLimits(data.velocity_max, data.acceleration_max), ())
-        self._add(SegmentKind.TRANSIT, (arm,), of_both_arms(timed, self.state.q, joints))
+        known = self.plan.free_motions.get(asked)
+        if known is None:
+            try:
+                path, chosen = self.plan.free.find(FreeMove(f"{hand} hand", data, joints, self.state.q, goals, query))
+                timed = self._timed(path, JointLimits(data.velocity_max, data.acceleration_max), ())
+                known = of_both_arms(timed, self.state.q, joints), chosen
+            except Stuck as stuck:
+                known = stuck.rejection
+            self.plan.free_motions[asked] = known
+        if isinstance(known, Rejection):
+            raise Stuck(known)
+        trajectory, chosen = known
+        self._add(SegmentKind.TRANSIT, (arm,), trajectory)
         return chosen
 
     def _timed(self, path: JointPath, limits: JointLimits, rates: tuple[RateLimit, ...]) -> Trajectory:

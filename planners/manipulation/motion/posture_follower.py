@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array
+from planners.hands.arm_motion import among_all, touching
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
 from planners.manipulation.holds.grips import PlateGrip
 from planners.manipulation.holds.pushes import PlatePush
@@ -41,6 +43,8 @@ class PostureQueries:
     """For each hand, its arm and the idle other arm against everything."""
     opened: dict[Hand, PlateQuery]
     """For each hand, its arm against everything but the other arm, while it comes to the plate."""
+    beside: dict[Hand, CollisionQuery]
+    """For each hand, the two arms against one another, while it comes to the plate that the other one is at."""
     lifted: PlateQuery
     """Plate and cup against what stands in the cell."""
 
@@ -67,11 +71,13 @@ class PostureFollower:
         """
         self.poses, self.reached, self.pair = poses, reached, reached.pair
         self.with_idle, self.opened, self.lifted = queries.with_idle, queries.opened, queries.lifted
+        self._between = queries.beside
         self.grips, self.pushes = holds
         self.settings = settings or SweepSettings()
         self._along: dict[tuple[int, Hand, int, bool], int] = {}
         self._approach: dict[tuple[int, Hand, int], int] = {}
         self._together: dict[tuple[int, int, int, int, int], bool] = {}
+        self._beside: dict[tuple[int, Hand, int, int, int, int], tuple[str, str] | None] = {}
         self._samples: dict[int, Array] = {}
         self._blocked: dict[int, tuple[str, str] | None] = {}
 
@@ -140,6 +146,26 @@ class PostureFollower:
             found = self.pair.compatible(self.samples(number), (grip[0], push[0]), (1 << grip[1], 1 << push[1]))
             self._together[key] = found is not None
         return self._together[key]
+
+    def beside(self, pose: int, coming: Hand, grip: tuple[int, int], push: tuple[int, int]) -> tuple[str, str] | None:
+        """Name what of the arms would touch as a hand comes to the plate at a pose, or leaves it, beside the other one.
+
+        Args:
+            pose: of the plate, which stands still.
+            coming: the hand that comes or leaves, on its straight way.
+            grip: index and posture, which reaches the pose.
+            push: the same.
+        """
+        key = (pose, coming, *grip, *push)
+        if key not in self._beside:
+            T_world_plate = self.poses.poses[pose].T_world_plate
+            mine, others = (grip, push) if coming == "grip" else (push, grip)
+            mover, other = self.hand(coming), self.hand("push" if coming == "grip" else "grip")
+            q = np.zeros(12)
+            q[other.joints] = other.follow(T_world_plate[None], *others)[0]
+            way = mover.follow(self.approach_carriers(T_world_plate, coming, mine[0]), *mine)
+            self._beside[key] = touching(self._between[coming], among_all(q, mover.joints, way))
+        return self._beside[key]
 
     def together_at(self, pose: int, grip: tuple[int, int], push: tuple[int, int]) -> bool:
         """Whether a grip and a push, each (index, posture), keep the arms apart at a pose."""

@@ -118,6 +118,11 @@ class HandReach:
         """The arm for compiled code."""
         return ArmKernel.of(self.arm, self.first_joint)
 
+    @property
+    def joints(self) -> slice:
+        """Those of the arm among all twelve."""
+        return slice(self.first_joint, self.first_joint + 6)
+
     def asked(self, hold: int, postures: int) -> HoldKernel:
         """Return a hold for compiled code, with the postures that are asked for, as a bit set."""
         return HoldKernel(self.kernel, self.T_plate_flange[hold], np.uint64(postures))
@@ -156,14 +161,13 @@ class HandReach:
 
         Slow: for explanations.
         """
-        joints = slice(self.first_joint, self.first_joint + 6)
         arm, found = self.arm, Counter[Hindrance]()
         for posture in range(BRANCHES * self.T_plate_flange.shape[1]):
             q = self.start_positions.copy()
-            q[joints] = self.follow(T_world_plate[None], hold, posture)[0]
+            q[self.joints] = self.follow(T_world_plate[None], hold, posture)[0]
             if not np.isfinite(q).all():
                 found[Hindrance(Closeness.NOWHERE, f"the {arm.name} arm does not reach so far")] += 1
-            elif not within_limits(q[joints], arm.position_min, arm.position_max):
+            elif not within_limits(q[self.joints], arm.position_min, arm.position_max):
                 reason = f"a joint of the {arm.name} arm would be beyond its limits"
                 found[Hindrance(Closeness.BEYOND_LIMITS, reason)] += 1
             else:
