@@ -8,7 +8,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.model import CollisionQuery, Fixed
+from planners.collision.model import CollisionModel, CollisionQuery, Fixed
 from planners.geometry.pose import inverse
 from planners.graph.rejections import Rejection, Rejections
 from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph, build_graph, edge_count
@@ -145,10 +145,11 @@ def _posture_queries(workcell: LiftWorkcell, lifted: PlateQuery) -> PostureQueri
         "push": workcell.plate_query(workcell.open, workcell.without_other(pusher), hands=[pusher]),
     }
     share, T_world_plate = workcell.settings.executed_share, Fixed(workcell.scene.T_world_plate)
-    beside: dict[Hand, CollisionQuery] = {
-        hand: workcell.query(model, workcell.between_arms, T_world_plate, hands=[gripper, pusher], share=share)
-        for hand, model in (("grip", workcell.open), ("push", workcell.holding))
-    }
+
+    def between(model: CollisionModel) -> CollisionQuery:
+        return workcell.query(model, workcell.between_arms, T_world_plate, hands=[gripper, pusher], share=share)
+
+    beside: dict[Hand, CollisionQuery] = {"grip": between(workcell.open), "push": between(workcell.holding)}
     return PostureQueries(with_idle, opened, beside, lifted)
 
 

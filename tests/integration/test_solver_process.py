@@ -306,7 +306,8 @@ def test_the_real_solver_is_one_thread_when_it_is_ready() -> None:
         child = await SolverProcess.start(SolverCommand(SOLVER_COMMAND, {}))
         try:
             await child.ready()
-            assert psutil.Process(child.pid).num_threads() == 1
+            # One that was joined may take a moment to be gone from the kernel's list.
+            wait_for(lambda: psutil.Process(child.pid).num_threads() == 1, 5)
         finally:
             await child.kill()
 
@@ -369,6 +370,28 @@ def test_a_job_that_is_cancelled_while_it_waits_for_its_process_leaves_none() ->
 
     asyncio.run(run())
     assert children() == others
+
+
+def test_a_pool_that_is_closed_while_the_process_of_a_job_is_ended_starts_no_other_one() -> None:
+    others = children()
+
+    async def run() -> None:
+        pool = SolverPool(COMMAND, slots=1)
+        pool.open()
+        await pool.loaded()
+        begun = asyncio.Event()
+        job = asyncio.create_task(pool.solve(request("hang"), lambda _: asyncio.sleep(0, begun.set())))
+        await begun.wait()
+        job.cancel()
+        # One turn of the loop, in which the process is begun to be ended.
+        await asyncio.sleep(0)
+        await pool.close()
+        with pytest.raises(asyncio.CancelledError):
+            await job
+        await asyncio.sleep(0.2)
+        assert children() == others
+
+    asyncio.run(run())
 
 
 def alive(processes: Iterable[psutil.Process]) -> bool:

@@ -85,7 +85,8 @@ class ToolExecution:
         failure = failure or self._miss()
         if failure is not None and self.time < end - 0.5 * self.settings.step:
             self._stand_still()
-        progress(Report("simulate", 1, 1))
+        if failure is None:
+            progress(Report("simulate", 1, 1))
         return failure
 
     def goal_errors(self) -> dict[str, GoalError]:

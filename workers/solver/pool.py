@@ -295,7 +295,8 @@ class SolverPool:
             wanted = not self._closed and len(self._waiting) + self._working < self._slots
             if child is not None and not (answered and wanted):
                 await child.kill()
-            if wanted:
+            # It may have been closed while the process was ended.
+            if wanted and not self._closed:
                 self._get_ready(child if answered else None)
 
     async def _take(self) -> SolverProcess:
