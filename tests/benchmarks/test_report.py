@@ -47,7 +47,12 @@ SECTIONS = {
         "Handover databases, cold and warm",
         "Quality of motion",
     ),
-    "The shipped cells": ("Aimed at and reached", "Random tasks by cell", "Tasks of cells that are not solved"),
+    "The shipped cells": (
+        "Aimed at and reached",
+        "Random tasks by cell",
+        "Tasks of cells that are not solved",
+        "Plans of random tasks in physics",
+    ),
     "Perception": (
         "Aimed at and reached",
         "Boards of markers",
