@@ -4,9 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 ONCE ?=
 PART ?=
-CORES := --numprocesses auto --dist loadfile --no-loadscope-reorder
+BY_FILE := --dist loadfile --no-loadscope-reorder
+CORES := --numprocesses auto $(BY_FILE)
 # Slow tests wait for services and browsers half of the time: one process more than there are cores waits beside the others.
-MORE := --numprocesses $(shell echo $$(($$(nproc) + 1))) --dist loadfile --no-loadscope-reorder
+MORE := --numprocesses $(shell echo $$(($$(nproc) + 1))) $(BY_FILE)
 # There is a process for each core already.
 export OPENBLAS_NUM_THREADS := 1
 # Dozens of processes read the same modules: whoever wants none compiled on disk, as images of containers do, waits for each.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import gc
 import gzip
 import hashlib
 import json
@@ -12,7 +13,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,29 @@ def solve(wish: str, command: SolverCommand = COMMAND, on_report: OnReport = ign
             await child.kill()
 
     return asyncio.run(run())
+
+
+async def opened_pool() -> SolverPool:
+    """Return a pool of one slot whose process is ready."""
+    pool = SolverPool(COMMAND, slots=1)
+    pool.open()
+    await pool.loaded()
+    return pool
+
+
+async def begun_job(pool: SolverPool, wish: str) -> asyncio.Task[PackedDocument]:
+    """Return a job that a process of the pool is at work on."""
+    begun = asyncio.Event()
+    job = asyncio.create_task(pool.solve(request(wish), lambda _: asyncio.sleep(0, begun.set())))
+    await begun.wait()
+    return job
+
+
+@pytest.fixture(autouse=True)
+def all_is_closed() -> Iterator[None]:
+    """Whatever a test leaves open fails this one, and not another that runs when garbage is collected."""
+    yield
+    gc.collect()
 
 
 def test_a_document_arrives_whole_and_is_what_its_hash_says() -> None:
@@ -143,9 +167,7 @@ def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypa
 
     async def run() -> PackedDocument:
         monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse_some)
-        pool = SolverPool(COMMAND, slots=1)
-        pool.open()
-        await pool.loaded()
+        pool = await opened_pool()
         try:
             return await pool.solve(request("now"), ignore)
         finally:
@@ -158,9 +180,7 @@ def test_every_job_of_a_pool_has_a_process_of_its_own_and_none_is_left_when_it_c
     others = children()
 
     async def run() -> None:
-        pool = SolverPool(COMMAND, slots=1)
-        pool.open()
-        await pool.loaded()
+        pool = await opened_pool()
         packed = [await pool.solve(request("now"), ignore) for _ in range(3)]
         pids = {json.loads(gzip.decompress(each.gzip))["process"] for each in packed}
         assert len(pids) == 3
@@ -174,9 +194,7 @@ def test_short_jobs_one_after_the_other_do_not_heap_up_waiting_processes() -> No
     others = children()
 
     async def run() -> None:
-        pool = SolverPool(COMMAND, slots=1)
-        pool.open()
-        await pool.loaded()
+        pool = await opened_pool()
         for _ in range(6):
             await pool.solve(request("now"), ignore)
             assert len(children() - others) <= 2, "the process and its fork"
@@ -319,12 +337,8 @@ def test_a_process_whose_job_dies_or_is_cancelled_is_gone_and_another_one_takes_
     others = children()
 
     async def run() -> None:
-        pool = SolverPool(COMMAND, slots=1)
-        pool.open()
-        await pool.loaded()
-        begun = asyncio.Event()
-        job = asyncio.create_task(pool.solve(request(ending), lambda _: asyncio.sleep(0, begun.set())))
-        await begun.wait()
+        pool = await opened_pool()
+        job = await begun_job(pool, ending)
         at_work = children() - others
         if ending == "hang":
             job.cancel()
@@ -357,9 +371,7 @@ def test_a_job_that_is_cancelled_while_it_waits_for_its_process_leaves_none() ->
     others = children()
 
     async def run() -> None:
-        pool = SolverPool(COMMAND, slots=1)
-        pool.open()
-        await pool.loaded()
+        pool = await opened_pool()
         await pool.solve(request("now"), ignore)
         job = asyncio.create_task(pool.solve(request("now"), ignore))
         await asyncio.sleep(0)
@@ -376,12 +388,8 @@ def test_a_pool_that_is_closed_while_the_process_of_a_job_is_ended_starts_no_oth
     others = children()
 
     async def run() -> None:
-        pool = SolverPool(COMMAND, slots=1)
-        pool.open()
-        await pool.loaded()
-        begun = asyncio.Event()
-        job = asyncio.create_task(pool.solve(request("hang"), lambda _: asyncio.sleep(0, begun.set())))
-        await begun.wait()
+        pool = await opened_pool()
+        job = await begun_job(pool, "hang")
         job.cancel()
         # One turn of the loop, in which the process is begun to be ended.
         await asyncio.sleep(0)

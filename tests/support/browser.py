@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import shutil
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -59,10 +58,8 @@ def running_browser(*, draws: bool = False) -> Iterator[Browser]:
         browser.new_page = partial(browser.new_page, bypass_csp=True)
         yield browser
         browser.close()
-    # What the library leaves of its driver is not to fail the test that happens to run when it is looked at.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ResourceWarning)
-        gc.collect()
+    # Whatever is left open is told here, and not by a test that happens to run when garbage is collected.
+    gc.collect()
 
 
 def looks(number: int) -> tuple[Look, ...]:
