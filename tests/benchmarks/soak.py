@@ -23,7 +23,7 @@ import sqlalchemy as sa
 
 from tests.benchmarks.tasks import Note
 from tests.support.postgres import PostgresServer, running_postgres
-from tests.support.service import ServiceProcess
+from tests.support.service import ServiceProcess, warmed
 from tests.support.worker import WorkerProcess
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
@@ -135,6 +135,10 @@ class Fleet:
         """That takes writes now."""
         self._standby: PostgresServer | None = None
         self.workers: list[WorkerProcess] = []
+        if settings.solver is None:
+            # A fresh fleet would compute the handovers of the shipped tools before it plans.
+            for name in ("api", "w0", "w1") if settings.postgres else ("api",):
+                warmed(folder / name)
         if settings.postgres:
             self.server = stack.enter_context(running_postgres())
             self._standby = stack.enter_context(self.server.with_standby())
