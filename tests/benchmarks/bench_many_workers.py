@@ -64,6 +64,7 @@ class ManyWorkersEffort:
         ManyWorkersCase(10, 1.0, 100),
         ManyWorkersCase(30, 1.0, 100),
         ManyWorkersCase(30, 4.0, 100),
+        ManyWorkersCase(100, 4.0, 300),
     )
     idle_seconds: float = 15.0
 

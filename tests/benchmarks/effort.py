@@ -52,7 +52,7 @@ class Effort:
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
     soaks: tuple[tuple[str, bool, int, int, int], ...] = (
-        ("PostgreSQL", True, 16, 80, 50),
+        ("PostgreSQL", True, 16, 60, 50),
         ("SQLite", False, 8, 30, 25),
     )
     """Where, whether that is PostgreSQL, rounds, and jobs and kills in each."""

@@ -181,8 +181,7 @@ def _reckoned(found: Sequence[ManyWorkersFigures]) -> Iterator[str]:
         yield table(head, rows)
     yield (
         f"A worker that has nothing to do takes {100.0 * first.idle.fleet_cores / first.case.workers:.1f} % of a core "
-        f"itself in {_fleet(first)}, and {100.0 * slow.idle.fleet_cores / slow.case.workers:.1f} % in {_fleet(slow)}: "
-        "a hundred on this machine would measure its cores, and no database."
+        f"itself in {_fleet(first)}, and {100.0 * slow.idle.fleet_cores / slow.case.workers:.1f} % in {_fleet(slow)}."
     )
     yield reckoned_cores(first)
     if slow is not first:

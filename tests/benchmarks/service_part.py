@@ -85,7 +85,12 @@ def measure_bad_input(effort: Effort, note: Note, folder: Path) -> Findings:
 
 def _soaked(place: str, seed: int, settings: SoakSettings) -> SoakRound:
     with tempfile.TemporaryDirectory() as folder:
-        return SoakRound(place, seed, asdict(soak.soak(settings, Path(folder), lambda _: None)))
+        return SoakRound(place, seed, asdict(soak.soak(settings, Path(folder), _noted)))
+
+
+def _noted(words: str) -> None:
+    """Tell how far a round is; its process has no clock of the run."""
+    sys.stderr.write(f"{words}\n")
 
 
 def _explored(share: tuple[int, int]) -> InterfaceFigures:
@@ -138,7 +143,8 @@ def _soak_section(soaks: dict[str, SoakFigures]) -> str:
         "answers that had to wait",
     )
     text = (
-        "Real tasks; each kill is a SIGKILL (every other one of PostgreSQL an immediate shutdown) at a random moment, "
+        "Real tasks, posted and asked for all the while; each kill is a SIGKILL (every other one of PostgreSQL an "
+        "immediate shutdown) at a random moment, "
         "in rounds with a fresh fleet each. PostgreSQL has a synchronous standby, which once in each round takes the "
         "place of a primary that was killed. "
         "Checked for each job: accepted once, ended, succeeded, one document, which is what its hash says and what is "

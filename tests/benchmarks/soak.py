@@ -12,6 +12,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -117,7 +118,6 @@ def soak(settings: SoakSettings, folder: Path, note: Note) -> SoakFigures:
         client = Client(fleet.api, figures)
         stack.callback(client.close)
         _plan_and_kill(settings, fleet, client, chance, note)
-        client.wait_for_all()
         figures.seconds = time.monotonic() - begun
         _check(settings, fleet, client)
         fleet.stop()
@@ -170,7 +170,13 @@ class Fleet:
     def kill_something(self, chance: random.Random) -> str:
         """Kill one part that is drawn, start it again, and return its kind."""
         kinds = ["worker", "solver", "api", "postgres"] if self.server else ["service", "solver"]
-        kind = chance.choices(kinds, weights=[4, 4, 2, 2] if self.server else [1, 1])[0]
+        weights = [4, 4, 2, 2] if self.server else [1, 1]
+        # A solver may just not be there; the others always are.
+        while not self._killed(kind := chance.choices(kinds, weights)[0], chance):
+            time.sleep(0.1)
+        return kind
+
+    def _killed(self, kind: str, chance: random.Random) -> bool:
         pause = chance.uniform(0.0, 1.0)
         if kind == "postgres":
             assert self.server is not None
@@ -186,9 +192,9 @@ class Fleet:
             self.api.kill()
             time.sleep(pause)
             self.api.start()
-        elif not self._kill_a_solver(chance):
-            return "nothing"
-        return kind
+        else:
+            return self._kill_a_solver(chance)
+        return True
 
     def stop(self) -> None:
         """Ask every process to end, and wait."""
@@ -234,14 +240,17 @@ class Client:
             if plan["done"]:
                 self.ended[plan_id] = plan
 
-    def wait_for_all(self) -> None:
-        """Wait until every job has ended, or none has for long."""
-        last, known = time.monotonic(), len(self.ended)
-        while len(self.ended) < len(self.accepted) and time.monotonic() - last < STALL_SECONDS:
-            time.sleep(0.2)
+    def have_planned(self, settings: SoakSettings) -> None:
+        """Post all tasks, a few at a time, and wait until every job has ended, or none has for long."""
+        posted, known, last = 0, 0, time.monotonic()
+        while len(self.ended) < settings.jobs and time.monotonic() - last < STALL_SECONDS:
+            while posted < settings.jobs and posted - len(self.ended) < OUTSTANDING:
+                self.post(posted, settings.body(posted))
+                posted += 1
             self.look()
             if len(self.ended) > known:
-                last, known = time.monotonic(), len(self.ended)
+                known, last = len(self.ended), time.monotonic()
+            time.sleep(0.1)
 
     def document(self, plan_id: str) -> bytes:
         """Fetch a document."""
@@ -272,33 +281,25 @@ class Client:
 
 
 def _plan_and_kill(settings: SoakSettings, fleet: Fleet, client: Client, chance: random.Random, note: Note) -> None:
-    """Spread the kills over the jobs: the next one comes some time after its share of them has ended."""
-    posted = 0
+    """Spread the kills over the jobs: the next one comes some time after its share of them has ended.
 
-    def go_on() -> None:
-        nonlocal posted
-        client.look()
-        while posted < settings.jobs and posted - len(client.ended) < OUTSTANDING:
-            client.post(posted, settings.body(posted))
-            posted += 1
-
-    go_on()
+    Tasks are posted and asked for all the while, so that kills meet requests that are under way.
+    """
     failing_over = chance.randrange(settings.kills) if settings.postgres else None
-    for kill in range(settings.kills):
-        share = (settings.jobs - 2) * kill // settings.kills
-        stalled = time.monotonic() + STALL_SECONDS
-        while len(client.ended) < share and time.monotonic() < stalled:
-            time.sleep(0.05)
-            go_on()
-        time.sleep(chance.uniform(0.0, 0.7))
-        kind = fleet.fail_over(chance) if kill == failing_over else fleet.kill_something(chance)
-        client.figures.kills[kind] += 1
-        if kill % 10 == 0:
-            note(f"soak: {kill + 1} kills, {len(client.ended)} of {settings.jobs} jobs have ended")
-        go_on()
-    while posted < settings.jobs:
-        time.sleep(0.05)
-        go_on()
+    with ThreadPoolExecutor(1) as threads:
+        customer = threads.submit(client.have_planned, settings)
+        for kill in range(settings.kills):
+            share = (settings.jobs - 2) * kill // settings.kills
+            while len(client.ended) < share and not customer.done():
+                time.sleep(0.05)
+            if customer.done():
+                break
+            time.sleep(chance.uniform(0.0, 0.7))
+            kind = fleet.fail_over(chance) if kill == failing_over else fleet.kill_something(chance)
+            client.figures.kills[kind] += 1
+            if kill % 10 == 0:
+                note(f"soak: {kill + 1} kills, {len(client.ended)} of {settings.jobs} jobs have ended")
+        customer.result()
 
 
 def _check(settings: SoakSettings, fleet: Fleet, client: Client) -> None:

@@ -7,13 +7,14 @@ from contextlib import closing
 from pathlib import Path
 
 import httpx
+import pytest
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, task, wait_for
 from support.serving import served
 
 from app.settings import ServiceSettings
 from workers.engine.worker import _engine
 from workers.stores.database import open_database
-from workers.stores.job_queue import STUDY_QUEUE, JobQueue, queue_looks
+from workers.stores.job_queue import DELIVERY_QUEUE, STUDY_QUEUE, JobQueue, queue_looks
 
 LOOK_SECONDS = 0.05
 
@@ -49,6 +50,7 @@ def test_a_worker_asks_the_database_once_how_to_look_at_a_queue(tmp_path: Path) 
         assert engine.get_queue("no such queue") is None
 
 
-def test_parts_of_studies_are_looked_for_less_often_than_jobs_unless_both_are_seldom() -> None:
-    assert queue_looks(1, 2, 0.1)[STUDY_QUEUE].seconds == 0.5
-    assert queue_looks(1, 2, 2.0)[STUDY_QUEUE].seconds == 2.0
+@pytest.mark.parametrize("name", [STUDY_QUEUE, DELIVERY_QUEUE])
+def test_what_may_wait_is_looked_for_less_often_than_jobs_unless_both_are_seldom(name: str) -> None:
+    assert queue_looks(1, 2, 0.1)[name].seconds == 0.5
+    assert queue_looks(1, 2, 2.0)[name].seconds == 2.0

@@ -32,6 +32,7 @@ from workers.stores.database_loss import DATABASE_GONE, said_by
 from workers.stores.job_queue import (
     APPLICATION,
     APPLICATION_VERSION,
+    DELIVERY_QUEUE,
     DELIVERY_WORKFLOW,
     QUEUE,
     STUDY_WORKFLOW,
@@ -48,7 +49,7 @@ from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
 from workers.stores.task_parts import TaskParts
 from workers.stores.webhook_store import WebhookStore
-from workers.webhooks.runner import LOOK_SECONDS, WebhookRunner
+from workers.webhooks.runner import WebhookRunner
 
 REJECTED_FOLDER = "rejected"
 GOODBYE_SECONDS = 10.0
@@ -100,9 +101,9 @@ class Worker:
         await self._takeover.start()
         self._pool.open()
         self._telling = asyncio.create_task(self._tell_when_loaded())
-        self._watch()
-        # Before the launch: the engine looks for new queues only once a second.
         looks = queue_looks(self._settings.worker_slots, self._settings.study_slots, self._settings.poll_seconds)
+        self._watch(looks)
+        # Before the launch: the engine looks for new queues only once a second.
         await asyncio.to_thread(self._database.at_start, partial(self._queue.open, looks))
         logging.getLogger("dbos").addFilter(_is_news)
         for left in reversed(range(LAUNCHES)):
@@ -161,13 +162,13 @@ class Worker:
         else:
             log.warning("not all solvers could be loaded", loaded=loaded, slots=slots)
 
-    def _watch(self) -> None:
+    def _watch(self, looks: Mapping[str, QueueLook]) -> None:
         """Have everything looked after that no request and no job would see to."""
         settings, repeat, store, queue = self._settings, self._supervisor.repeat, self._store, self._queue
         repeat("jobs", self._leave_lost_jobs, settings.cancel_poll_seconds)
         repeat("proof of life", self._leave_all_if_alone, settings.cancel_poll_seconds)
         repeat("fleet", self._takeover.look, settings.watch_seconds)
-        repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), LOOK_SECONDS)
+        repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), looks[DELIVERY_QUEUE].seconds)
         repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
         repeat("failures", partial(asyncio.to_thread, partial(count_failures, store)), settings.watch_seconds)
         repeat("cells", partial(asyncio.to_thread, partial(clear_cells, self._cells)), DELETION_PAUSE_SECONDS)

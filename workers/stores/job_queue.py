@@ -39,8 +39,8 @@ STUDY_WORKFLOW = "examine"
 DELIVERY_QUEUE = "webhooks"
 DELIVERY_WORKFLOW = "deliver"
 DELIVERIES_AT_ONCE = 16
-DELIVERY_POLL_SECONDS = 0.5
-STUDY_POLL_SECONDS = 0.5
+LEAST_POLL_SECONDS = 0.5
+"""Between two looks for what may wait a moment: parts of studies, and messages [s]."""
 APPLICATION = "liftwright"
 APPLICATION_VERSION = "1"
 """Pinned: by default it is a hash of the code, and jobs of another version are neither begun nor recovered."""
@@ -103,12 +103,14 @@ class QueueLook:
 def queue_looks(worker_slots: int, study_slots: int, poll_seconds: float) -> dict[str, QueueLook]:
     """Return how a worker looks at each queue that takes so many jobs at a time, and looks for new ones so often [s].
 
-    Beside them it takes parts of studies: nobody's plan waits until a study is done, and a study may wait for a moment.
+    Beside them it takes parts of studies and messages of webhooks: nobody's plan waits until a study is done, and a
+    study or a message may wait for a moment.
     """
+    seldom = max(poll_seconds, LEAST_POLL_SECONDS)
     return {
         QUEUE: QueueLook(worker_slots, poll_seconds),
-        STUDY_QUEUE: QueueLook(study_slots, max(poll_seconds, STUDY_POLL_SECONDS)),
-        DELIVERY_QUEUE: QueueLook(DELIVERIES_AT_ONCE, DELIVERY_POLL_SECONDS),
+        STUDY_QUEUE: QueueLook(study_slots, seldom),
+        DELIVERY_QUEUE: QueueLook(DELIVERIES_AT_ONCE, seldom),
     }
 
 

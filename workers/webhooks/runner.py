@@ -23,8 +23,6 @@ from workers.stores.webhook_store import Attempt, Delivery, DeliveryState, Webho
 from workers.webhooks.post import PostResult, post
 from workers.webhooks.target import TargetRules
 
-LOOK_SECONDS = 0.5
-"""How often jobs that somebody waits for are looked at [s]."""
 BATCH = 100
 """So many messages are begun at one look [1]."""
 JITTER = 0.1
