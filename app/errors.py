@@ -126,10 +126,11 @@ class PointNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such po
 
 
 class TooManyStudies(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many studies"):
-    """There are too many unfinished studies."""
+    """There are too many unfinished studies, or too many of one owner."""
 
-    def __init__(self, limit: int) -> None:
-        super().__init__(f"{limit} studies are under way already; 0 to {limit} may be")
+    def __init__(self, limit: int, *, own: bool = False) -> None:
+        what = "of your studies" if own else "studies"
+        super().__init__(f"{limit} {what} are under way already; 0 to {limit} may be")
         self.headers = {"Retry-After": "30"}
 
 

@@ -52,6 +52,8 @@ class ServiceSettings(WorkerSettings):
     """A study with more is refused [1]."""
     max_studies: int = Field(default=20, ge=1)
     """With this many studies unfinished, a new one is refused [1]."""
+    max_studies_of_owner: int = Field(default=10, ge=1)
+    """So many of them may be one owner's, where keys tell owners apart [1]."""
     max_delayed: int = Field(default=200, ge=0)
     """With this many jobs of one owner that wait for their start, another such one is refused [1]."""
     max_watchers: int = Field(default=24, ge=1)

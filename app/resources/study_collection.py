@@ -64,7 +64,7 @@ class StudyCollection:
 
         Raises:
             NotAStudy: What is wrong with it.
-            TooManyStudies: There are too many unfinished studies.
+            TooManyStudies: There are too many unfinished studies, or too many of the caller's.
             KeyUsedForAnotherTask: The key was used for another study.
         """
         sent_fingerprint = fingerprint(sent)
@@ -72,13 +72,19 @@ class StudyCollection:
         if record is None:
             study = Study.read(sent, fill, self._settings.max_study_points)
             _require_cell(study, cells)
-            most = self._settings.max_studies
-            if self._queue.unfinished_studies(most) >= most:
-                raise TooManyStudies(most)
+            self._require_room()
             record = self.store.accept(study, idempotency_key, self._caller.owner, sent_fingerprint)
         if record.sent_fingerprint != sent_fingerprint:
             raise KeyUsedForAnotherTask
         return self._resources([record])[0]
+
+    def _require_room(self) -> None:
+        unfinished, owner = self._queue.unfinished_studies(), self._caller.owner
+        most, most_own = self._settings.max_studies, self._settings.max_studies_of_owner
+        if unfinished.total() >= most:
+            raise TooManyStudies(most)
+        if owner is not None and unfinished[owner] >= most_own:
+            raise TooManyStudies(most_own, own=True)
 
     def study(self, study_id: str) -> StudyResource:
         """Return one study.

@@ -12,8 +12,10 @@ from support.serving import served
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from workers.stores.study_store import POINTS_PER_PART
 
 SHARE = 4
+PARTS = 6
 
 
 def test_an_owner_with_a_full_share_keeps_nobody_from_the_queue_nor_from_the_worker(tmp_path: Path) -> None:
@@ -63,3 +65,27 @@ def test_points_of_studies_that_are_planned_count_in_the_share_of_their_owner(tm
         assert "Retry-After" in refused.headers
         client.post(first["links"]["cancel"]).raise_for_status()
         assert client.post(refused.request.url.path).status_code == 202
+
+
+def test_one_owners_studies_leave_room_for_another_and_take_turns_with_theirs(tmp_path: Path) -> None:
+    fakes = {"solver_command": FAKE_SOLVER, "study_command": FAKE_EXAMINER}
+    limits = {"max_studies": 3, "max_studies_of_owner": 2, "study_slots": 1}
+    settings = ServiceSettings.model_validate({"data_dir": tmp_path, **fakes, **limits})
+    greedy, patient = (
+        {"Authorization": f"Bearer {issue_key(settings, owner, Scope.WRITE, None)}"} for owner in ("greedy", "patient")
+    )
+    many = [{"pointer": "/cup/max_force", "values": [15 + 0.1 * n for n in range(PARTS * POINTS_PER_PART)]}]
+    with served(settings) as address, httpx.Client(base_url=address, timeout=90.0) as client:
+
+        def post(key: dict[str, str], axes: list[dict[str, Any]]) -> httpx.Response:
+            return client.post("/v1/studies", json={"task": task(external_id="now"), "axes": axes}, headers=key)
+
+        answers = [post(greedy, many) for _ in range(3)]
+        assert [answer.status_code for answer in answers] == [202, 202, 429]
+        assert "2 of your studies" in answers[-1].json()["detail"]
+        few = [{"pointer": "/cup/max_force", "values": [15, 16]}]
+        client.headers.update(patient)
+        finished(client, post(patient, few).raise_for_status().json())
+        client.headers.update(greedy)
+        left = [client.get(answer.json()["links"]["self"]).json() for answer in answers[:2]]
+        assert not any(study["done"] for study in left)

@@ -35,6 +35,7 @@ from workers.stores.job_queue import (
     DELIVERY_QUEUE,
     DELIVERY_WORKFLOW,
     QUEUE,
+    STUDY_QUEUE,
     STUDY_WORKFLOW,
     WORKFLOW,
     JobQueue,
@@ -263,7 +264,8 @@ def take_turns(queue: JobQueue) -> None:
     engine = _engine()
 
     def gate(queue_name: str, _partition: str | None) -> list[sa.ColumnElement[bool]]:
-        return [queue.is_next(engine.tables.workflow_status.c.workflow_uuid)] if queue_name == QUEUE else []
+        job = engine.tables.workflow_status.c.workflow_uuid
+        return [queue.is_next(job, queue_name)] if queue_name in (QUEUE, STUDY_QUEUE) else []
 
     assert hasattr(engine, "_claim_gate"), "this version of the engine cannot be told whose turn it is"
     # What its own kinds of databases override, to say what else must hold of the jobs that it takes.

@@ -225,18 +225,42 @@ class JobQueue:
             )
 
     def enqueue(self, transaction: sa.Connection, jobs: Sequence[NewJob]) -> None:
-        """Enqueue jobs; they exist when `transaction` commits.
+        """Enqueue jobs; they exist when `transaction` commits."""
+        self._insert(transaction, QUEUE, WORKFLOW, [(job.plan_id, (job.plan_id,), job) for job in jobs])
 
-        The rows are written here, as the engine would write them: it takes one job at a time, each with two statements
-        that it compiles anew.
+    def enqueue_parts(self, transaction: sa.Connection, study: NewJob, parts: int) -> None:
+        """Enqueue all parts of a study; they exist when `transaction` commits.
+
+        Args:
+            transaction: that stores the study.
+            study: under its own id, as if it was a job.
+            parts: how many [1].
+        """
+        rows = [(part_workflow_id(study.plan_id, part), (study.plan_id, part), study) for part in range(parts)]
+        self._insert(transaction, STUDY_QUEUE, STUDY_WORKFLOW, rows)
+
+    def _insert(
+        self,
+        transaction: sa.Connection,
+        queue: str,
+        workflow: str,
+        new: Sequence[tuple[str, tuple[str | int, ...], NewJob]],
+    ) -> None:
+        """Write rows as the engine would write them: it takes one job at a time, with two statements compiled anew.
+
+        Args:
+            transaction: with which they come to be there.
+            queue: that they wait in.
+            workflow: that they are run by.
+            new: of each row its id, what its workflow is called with, and the rest.
         """
         rows = [
             {
-                "workflow_uuid": job.plan_id,
+                "workflow_uuid": workflow_id,
                 "status": ENQUEUED if job.start_us is None else DELAYED,
-                "name": WORKFLOW,
-                "queue_name": QUEUE,
-                # The engine has an index of what waits and runs by it, and makes no other use of it in this queue.
+                "name": workflow,
+                "queue_name": queue,
+                # The engine has an index of what waits and runs by it, and makes no other use of it in these queues.
                 "queue_partition_key": job.owner,
                 "application_name": APPLICATION,
                 "application_version": APPLICATION_VERSION,
@@ -248,29 +272,18 @@ class JobQueue:
                 "created_at": job.created_us // 1000,
                 "updated_at": job.created_us // 1000,
             }
-            for job in jobs
+            for workflow_id, _, job in new
         ]
         inputs = [
             {
-                "workflow_uuid": job.plan_id,
-                "inputs": json.dumps({"namedArgs": {}, "positionalArgs": [job.plan_id]}, separators=(",", ":")),
+                "workflow_uuid": workflow_id,
+                "inputs": json.dumps({"namedArgs": {}, "positionalArgs": [*arguments]}, separators=(",", ":")),
                 "retention_timestamp": job.created_us // 1000,
             }
-            for job in jobs
+            for workflow_id, arguments, job in new
         ]
         insert_rows(transaction, self._jobs, rows)
         insert_rows(transaction, self._inputs, inputs)
-
-    def enqueue_part(self, transaction: sa.Connection, study_id: str, part: int) -> None:
-        """Enqueue one part of a study; it exists when `transaction` commits."""
-        options: EnqueueOptions = {
-            "workflow_name": STUDY_WORKFLOW,
-            "queue_name": STUDY_QUEUE,
-            "workflow_id": part_workflow_id(study_id, part),
-            "app_version": APPLICATION_VERSION,
-            "serialization_type": WorkflowSerializationFormat.PORTABLE,
-        }
-        self._client.enqueue_in_transaction(transaction, options, study_id, part)
 
     def enqueue_delivery(
         self, transaction: sa.Connection, plan_id: str, delivery_id: str, number: int, pause: float
@@ -311,14 +324,13 @@ class JobQueue:
         found = {study: [jobs[each] for each in known if each in jobs] for study, known in ids.items()}
         return {study: together(known) for study, known in found.items() if known}
 
-    def unfinished_studies(self, most: int) -> int:
-        """Return how many studies have parts that have not ended, counted up to `most`."""
+    def unfinished_studies(self) -> Counter[str | None]:
+        """Return how many studies of each owner have parts that have not ended."""
         study = sa.func.substr(self._jobs.c.workflow_uuid, 1, STUDY_ID_LENGTH)
-        unfinished = sa.select(study).where(
+        unfinished = sa.select(study.label("study"), self._jobs.c.queue_partition_key.label("owner")).where(
             self._jobs.c.queue_name == STUDY_QUEUE, self._jobs.c.status.in_((*QUEUED, RUNNING))
         )
-        found = unfinished.distinct().limit(most).subquery()
-        return self._database.scalar(sa.select(sa.func.count()).select_from(found)) or 0
+        return Counter({row.study: row.owner for row in self._database.rows(unfinished.distinct())}.values())
 
     def not_with(self, worker: str, plan_ids: Collection[str]) -> set[str]:
         """Return those of `plan_ids` that `worker` is not running: cancelled, deleted, or with somebody else."""
@@ -392,9 +404,9 @@ class JobQueue:
             return None
         return Pace(now.running, 1e-3 * float(now.milliseconds))
 
-    def is_next(self, job: sa.ColumnElement[str]) -> sa.ColumnElement[bool]:
-        """Return what holds of the id of that job alone which is to be begun next."""
-        waiting = self._in_turn()
+    def is_next(self, job: sa.ColumnElement[str], queue: str = QUEUE) -> sa.ColumnElement[bool]:
+        """Return what holds of the id of that job alone which is to be begun next, of plans or of parts of studies."""
+        waiting = self._in_turn(queue)
         return job.in_(sa.select(waiting.c.workflow_uuid).where(waiting.c.place == 1))
 
     @property
@@ -402,15 +414,14 @@ class JobQueue:
         """What holds of jobs that have never been put off."""
         return self._jobs.c.priority <= PUT_OFF
 
-    @property
-    def _due(self) -> sa.ColumnElement[bool]:
-        """What holds of jobs that may be begun, or run."""
+    def _due(self, queue: str = QUEUE) -> sa.ColumnElement[bool]:
+        """Return what holds of jobs of a queue that may be begun, or run."""
         # As the engine's partial indexes have it, word for word: SQLite uses them for nothing else.
         in_flight = self._jobs.c.status.in_([sa.literal_column(f"'{each}'") for each in (ENQUEUED, RUNNING)])
-        return sa.and_(self._jobs.c.queue_name == QUEUE, in_flight)
+        return sa.and_(self._jobs.c.queue_name == queue, in_flight)
 
-    def _in_turn(self) -> sa.Subquery:
-        """Return a query of the ids of all jobs that wait for a worker, with the `place` of each.
+    def _in_turn(self, queue: str = QUEUE) -> sa.Subquery:
+        """Return a query of the ids of all jobs of a queue that wait for a worker, with the `place` of each.
 
         Owners take turns: a job comes as many rounds later as its owner has jobs that run, or wait before it. Within a
         round the owner comes first whose last job was begun longest ago. All of it is read from the engine's indexes.
@@ -426,16 +437,16 @@ class JobQueue:
                 self._is_put_off(sa.literal(_put_off_since_ms())).label("put_off"),
                 sa.func.row_number().over(partition_by=jobs.c.queue_partition_key, order_by=of_owner).label("ahead"),
             )
-            .where(self._due, jobs.c.status == ENQUEUED)
+            .where(self._due(queue), jobs.c.status == ENQUEUED)
             .cte("waiting")
         )
         running = (
             sa.select(jobs.c.queue_partition_key.label("owner"), sa.func.count().label("number"))
-            .where(self._due, jobs.c.status == RUNNING)
+            .where(self._due(queue), jobs.c.status == RUNNING)
             .group_by(jobs.c.queue_partition_key)
             .cte("running")
         )
-        last = self._last_turns().cte("last")
+        last = self._last_turns(queue).cte("last")
         nobody = sa.literal_column("''")
 
         def owned(other: sa.CTE) -> sa.ColumnElement[bool]:
@@ -459,16 +470,16 @@ class JobQueue:
         jobs = self._jobs
         put_off = self._is_put_off(sa.bindparam(PUT_OFF_SINCE, type_=sa.BigInteger)).label("put_off")
         kinds = jobs.c.queue_partition_key.label("owner"), jobs.c.status, jobs.c.priority, put_off
-        counts = sa.select(*kinds, sa.literal(1).label("one")).where(self._due).subquery()
+        counts = sa.select(*kinds, sa.literal(1).label("one")).where(self._due()).subquery()
         columns = [counts.c[each.name] for each in kinds]
         return sa.select(*columns, sa.func.count().label("number")).group_by(*columns)
 
-    def _last_turns(self) -> sa.Select[Any, Any]:
-        """Return a query of when the last job of each owner was begun, of those that were begun last."""
+    def _last_turns(self, queue: str = QUEUE) -> sa.Select[Any, Any]:
+        """Return a query of when the last job of each owner was begun, of those of a queue that were begun last."""
         begun = self._jobs.alias("begun")
         latest = (
             sa.select(begun.c.queue_partition_key.label("owner"), begun.c.started_at_epoch_ms)
-            .where(begun.c.queue_name == QUEUE, begun.c.started_at_epoch_ms.is_not(None))
+            .where(begun.c.queue_name == queue, begun.c.started_at_epoch_ms.is_not(None))
             .order_by(begun.c.started_at_epoch_ms.desc())
             .limit(TURNS_REMEMBERED)
             .subquery()
@@ -492,7 +503,7 @@ class JobQueue:
 
     def another_waits(self) -> bool:
         """Return whether any job that may be begun has no verdict yet."""
-        waiting = sa.select(sa.literal(1)).where(self._due, self._jobs.c.status == ENQUEUED, self._no_verdict)
+        waiting = sa.select(sa.literal(1)).where(self._due(), self._jobs.c.status == ENQUEUED, self._no_verdict)
         return bool(self._database.scalar(sa.select(waiting.exists())))
 
     def put_off(self, worker: str, plan_id: str) -> None:

@@ -15,7 +15,7 @@ from planners.contract.task_spec import read_task, write_task
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
 from workers.stores.database import Database
-from workers.stores.job_queue import JobQueue
+from workers.stores.job_queue import JobQueue, NewJob
 from workers.stores.jobs import Job
 from workers.stores.plan_store import Accepted, PlanRecord, PlanStore, Submission, stored_key
 from workers.stores.tables import STUDIES, STUDY_POINTS, Position, newest_first, now_us
@@ -88,8 +88,9 @@ class StudyStore:
         try:
             with self._database.engine.begin() as transaction:
                 transaction.execute(sa.insert(STUDIES).values(values))
-                for part in range(values["parts"]):
-                    self._queue.enqueue_part(transaction, values["id"], part)
+                self._queue.enqueue_parts(
+                    transaction, NewJob(values["id"], values["created_us"], owner), values["parts"]
+                )
         except IntegrityError:
             known = self.by_key(idempotency_key, owner)
             if known is None:
