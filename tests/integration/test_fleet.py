@@ -20,7 +20,7 @@ from support.worker import WorkerProcess
 from workers.stores.job_queue import INTERRUPTED_TOO_OFTEN
 
 pytestmark = needs_postgres
-SETTINGS = {"worker_slots": 1, "watch_seconds": 0.5, "patience_seconds": 3.0}
+SETTINGS = {"worker_slots": 1, "watch_seconds": 0.5, "patience_seconds": 3.0, "frozen_seconds": 12.0}
 
 
 @dataclass(frozen=True)
@@ -115,8 +115,9 @@ def test_two_workers_cannot_share_a_name(fleet: Fleet) -> None:
 
 
 @pytest.mark.slow
-def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes(fleet: Fleet) -> None:
-    """Frozen, its connection is cut by the server, as after a network failure."""
+@pytest.mark.parametrize("cut", [True, False], ids=["cut off", "connected"])
+def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes(fleet: Fleet, cut: bool) -> None:
+    """Frozen, its connection is cut by the server, as after a network failure; or it is not, as in a paused machine."""
     fleet.with_both_workers()
     plan = fleet.post("steps-80")
     wait_for(lambda: fleet.begun(plan))
@@ -127,7 +128,8 @@ def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes
     for process in family:
         process.suspend()
     try:
-        fleet.server.cut(owner.name)
+        if cut:
+            fleet.server.cut(owner.name)
         taken = finished(fleet.client, plan)
     finally:
         for process in family:
@@ -149,19 +151,27 @@ def test_without_its_database_the_api_answers_503_and_everything_goes_on_when_it
     fleet: Fleet, seconds: float
 ) -> None:
     fleet.with_both_workers()
-    plan, waiting = fleet.post("steps-100"), fleet.post("now")
-    wait_for(lambda: fleet.begun(plan))
+    plan, endless, waiting = fleet.post("steps-100"), fleet.post("hang"), fleet.post("now")
+    wait_for(lambda: fleet.begun(plan) and fleet.begun(endless))
+    (owner,) = [each for each in (fleet.first, fleet.second) if each.name == fleet.server.owner_of(endless["id"])]
+    # The youngest is that of the job.
+    *_, solver = owner.solvers()
     fleet.server.stop()
+    stopped = time.monotonic()
     for method, path in (("GET", plan["links"]["self"]), ("GET", "/v1/plans"), ("GET", "/readyz"), ("GET", "/metrics")):
         answer = fleet.client.request(method, path)
         assert (answer.status_code, answer.headers["Content-Type"]) == (503, "application/problem+json"), path
         assert int(answer.headers["Retry-After"]) > 0
     assert fleet.client.post("/v1/plans", json=task()).status_code == 503
     assert fleet.client.get("/livez").status_code == 200
-    time.sleep(seconds)
+    if seconds > SETTINGS["watch_seconds"] + SETTINGS["patience_seconds"]:
+        # Another worker may have its job by then.
+        wait_for(lambda: not solver.is_running(), SETTINGS["watch_seconds"] + SETTINGS["patience_seconds"] + 2.0)
+    time.sleep(max(0.0, stopped + seconds - time.monotonic()))
     fleet.server.start()
     for each in (plan, waiting):
         assert finished(fleet.client, each)["outcome"] == "solved"
+    assert fleet.client.post(endless["links"]["cancel"]).status_code == 202
     assert fleet.client.get("/readyz").status_code == 200
 
 
