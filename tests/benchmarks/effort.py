@@ -38,6 +38,22 @@ KERNELS: dict[str, Callable[[], dict[str, float]]] = {
 
 
 @dataclass(frozen=True)
+class SoakEffort:
+    """Fleets that are killed at random, one after the other."""
+
+    place: str
+    """What they are called in the report."""
+    postgres: bool
+    planned: bool
+    """By the planner; otherwise by solvers that are ready at once, so that there are more kills in the same time."""
+    rounds: int
+    jobs: int
+    """In each round."""
+    kills: int
+    """In each round."""
+
+
+@dataclass(frozen=True)
 class Effort:
     """How much is measured."""
 
@@ -51,11 +67,12 @@ class Effort:
     kernels: tuple[str, ...] = tuple(KERNELS)
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
-    soaks: tuple[tuple[str, bool, int, int, int], ...] = (
-        ("PostgreSQL", True, 16, 60, 50),
-        ("SQLite", False, 8, 30, 25),
+    soaks: tuple[SoakEffort, ...] = (
+        SoakEffort("PostgreSQL", postgres=True, planned=True, rounds=4, jobs=60, kills=50),
+        SoakEffort("PostgreSQL, made-up solvers", postgres=True, planned=False, rounds=12, jobs=150, kills=50),
+        SoakEffort("SQLite", postgres=False, planned=True, rounds=2, jobs=30, kills=25),
+        SoakEffort("SQLite, made-up solvers", postgres=False, planned=False, rounds=6, jobs=75, kills=25),
     )
-    """Where, whether that is PostgreSQL, rounds, and jobs and kills in each."""
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
     fuzz_cases: int = 100_000
     interface_examples: int = 500

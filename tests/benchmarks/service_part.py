@@ -14,7 +14,7 @@ from typing import Any
 
 from tests.benchmarks import fuzz, interface, load, soak
 from tests.benchmarks.attempt_file import AttemptFile, kept_attempts
-from tests.benchmarks.effort import Effort
+from tests.benchmarks.effort import Effort, SoakEffort
 from tests.benchmarks.fuzz import FuzzFigures
 from tests.benchmarks.interface import InterfaceFigures
 from tests.benchmarks.load import DATABASE, SENDER, LoadEffort, LoadFigures, PostingFigures
@@ -22,6 +22,7 @@ from tests.benchmarks.markdown import Cell, table
 from tests.benchmarks.part import Findings, Limit
 from tests.benchmarks.soak import SoakFigures, SoakRound, SoakSettings
 from tests.benchmarks.tasks import Note, task_body
+from tests.support.service import FAKE_SOLVER, task
 
 FEWEST_SUBMISSIONS = {"SQLite": 200.0, "PostgreSQL": 500.0}
 """[1/s]"""
@@ -41,9 +42,9 @@ def measure_faults(effort: Effort, note: Note, folder: Path) -> Findings:
     """
     del folder
     work = {
-        (place, seed): partial(_soaked, place, seed, SoakSettings(jobs, kills, postgres, _cheap_task, seed=seed))
-        for place, postgres, rounds, jobs, kills in effort.soaks
-        for seed in range(rounds)
+        (each.place, seed): partial(_soaked, each.place, _soak_settings(each, seed))
+        for each in effort.soaks
+        for seed in range(each.rounds)
     }
     if not work:
         return Findings([], [])
@@ -83,9 +84,14 @@ def measure_bad_input(effort: Effort, note: Note, folder: Path) -> Findings:
     return Findings(limits, [_fuzz_section(abused), _interface_section(used)])
 
 
-def _soaked(place: str, seed: int, settings: SoakSettings) -> SoakRound:
+def _soak_settings(effort: SoakEffort, seed: int) -> SoakSettings:
+    body, solver = (_cheap_task, None) if effort.planned else (_made_up_task, FAKE_SOLVER)
+    return SoakSettings(effort.jobs, effort.kills, effort.postgres, body, solver, seed)
+
+
+def _soaked(place: str, settings: SoakSettings) -> SoakRound:
     with tempfile.TemporaryDirectory() as folder:
-        return SoakRound(place, seed, asdict(soak.soak(settings, Path(folder), _noted)))
+        return SoakRound(place, settings.seed, asdict(soak.soak(settings, Path(folder), _noted)))
 
 
 def _noted(words: str) -> None:
@@ -118,6 +124,11 @@ def _cheap_task(number: int) -> dict[str, Any]:
     return task_body("ab1", **few) if number % 2 else task_body("pb1_weak_cup")
 
 
+def _made_up_task(number: int) -> dict[str, Any]:
+    """Return a task for which a made-up solver takes from nothing to two seconds."""
+    return task(external_id="now" if number % 4 == 0 else f"steps-{number % 20}")
+
+
 def _soak_limit(place: str, figures: SoakFigures) -> Limit:
     what = f"soak on {place}: broken promises in {figures.jobs} jobs and {figures.kills.total()} kills"
     return Limit(what, "= 0", len(figures.faults), not figures.faults)
@@ -143,10 +154,10 @@ def _soak_section(soaks: dict[str, SoakFigures]) -> str:
         "answers that had to wait",
     )
     text = (
-        "Real tasks, posted and asked for all the while; each kill is a SIGKILL (every other one of PostgreSQL an "
-        "immediate shutdown) at a random moment, "
-        "in rounds with a fresh fleet each. PostgreSQL has a synchronous standby, which once in each round takes the "
-        "place of a primary that was killed. "
+        "Tasks are posted and asked for all the while, and planned; or answered by made-up solvers, which are ready at "
+        "once, so that there are more kills in the same time. Each kill is a SIGKILL (every other one of PostgreSQL an "
+        "immediate shutdown) at a random moment, in rounds with a fresh fleet each. PostgreSQL has a synchronous "
+        "standby, which once in each round takes the place of a primary that was killed. "
         "Checked for each job: accepted once, ended, succeeded, one document, which is what its hash says and what is "
         "served; and that no process is left. On SQLite the API is the whole service."
     )
