@@ -80,6 +80,8 @@ class WorkerSettings(BaseSettings):
     stops them, because another worker may have them [s]."""
     retention_days: float | None = Field(default=None, gt=0.0)
     """Plans that ended longer ago than this are deleted [days]; None: kept for ever."""
+    audit_days: float | None = Field(default=None, gt=0.0)
+    """Entries of the audit log that are older are deleted [days]; None: kept for ever."""
 
     webhook_hosts: tuple[str, ...] = ()
     """Hosts that webhooks may lead to, also as patterns (`*.example.com`); none: any."""

@@ -82,8 +82,6 @@ class DaysFigures:
     looks: list[DaysLook] = field(default_factory=list)
     left: dict[str, int] = field(default_factory=dict)
     """Rows that are left when everything was deleted, by the table."""
-    audited: int = 0
-    """Entries of the audit log, which nothing removes."""
 
     def memory(self, share: float) -> dict[str, float]:
         """Return the median memory of each process about a share of the jobs [MiB]."""
@@ -120,7 +118,8 @@ class DaysFigures:
 def measure(effort: DaysEffort, place: str, jobs: int, note: Note) -> DaysFigures:
     """Run a service of its own, with one worker of two slots or two of one, as fast as it goes."""
     pause = PAUSE.removeprefix("LIFTWRIGHT_").lower()
-    retention: dict[str, Any] = {"retention_days": effort.retention_seconds / 86_400.0, pause: effort.pause_seconds}
+    days = effort.retention_seconds / 86_400.0
+    retention: dict[str, Any] = {"retention_days": days, "audit_days": days, pause: effort.pause_seconds}
     figures = DaysFigures(jobs)
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -136,7 +135,6 @@ def measure(effort: DaysEffort, place: str, jobs: int, note: Note) -> DaysFigure
         figures.seconds = time.monotonic() - begun
         time.sleep(effort.retention_seconds + 3 * effort.pause_seconds)
         figures.left = _rows(database)
-        figures.audited = database.scalar(sa.select(sa.func.count()).select_from(AUDIT))
     return figures
 
 
@@ -222,5 +220,5 @@ def size_of(settings: WorkerSettings) -> float:
 
 def _rows(database: Database) -> dict[str, int]:
     dialect = database.engine.dialect.name
-    tables = PLANS, EVENTS, DOCUMENTS, workflow_table(dialect), input_table(dialect)
+    tables = PLANS, EVENTS, DOCUMENTS, AUDIT, workflow_table(dialect), input_table(dialect)
     return {table.name: database.scalar(sa.select(sa.func.count()).select_from(table)) for table in tables}

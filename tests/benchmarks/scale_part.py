@@ -224,8 +224,9 @@ def days_section(found: Mapping[str, DaysFigures], effort: DaysEffort) -> str:
         "Lifts and piles by made-up solvers, as fast as they go, 40 at a time: solved, infeasible, failed, with "
         "physics and remedies told later, every twentieth cancelled; of every fifth the plan, a page of the list, the "
         "document and the events are read. No clock is simulated, as engine and databases have their own: plans are "
-        f"deleted {effort.retention_seconds:g} s after their end, in rounds {effort.pause_seconds:g} s apart, where "
-        "the product has days and an hour. Memory is what a process has for itself alone (USS), without solvers. On "
+        f"deleted {effort.retention_seconds:g} s after their end, and entries of the audit log at that age, in rounds "
+        f"{effort.pause_seconds:g} s apart, where the product has days and an hour. Memory is what a process has for "
+        "itself alone (USS), without solvers. On "
         "SQLite the API is the worker as well."
     )
     rows = [
@@ -237,7 +238,7 @@ def days_section(found: Mapping[str, DaysFigures], effort: DaysEffort) -> str:
     ends = [
         f"{place}: {each.jobs:,} jobs in {each.seconds / 60.0:.1f} min; those that were read: "
         + ", ".join(f"{number:,} {state.replace('_', ' ')}" for state, number in sorted(each.states.items()))
-        + f". The audit log, which nothing removes, has {each.audited:,} entries, and goes on growing."
+        + "."
         for place, each in found.items()
     ]
     head = ("", "plans stored", "database [MiB]", "memory [MiB]")

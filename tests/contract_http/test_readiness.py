@@ -31,7 +31,7 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken, loops = True, ((PlanFeed, "look"), (Takeover, "look"), (WebhookRunner, "look"))
-    housekeeping = ((worker, name) for name in ("cancel_overdue", "count_failures", "delete_old"))
+    housekeeping = ((worker, name) for name in ("cancel_overdue", "count_failures", "delete_old", "delete_old_audit"))
 
     def breakable(work: Callable[..., Any]) -> Callable[..., Any]:
         def wrapped(*arguments: Any) -> Any:
@@ -51,9 +51,10 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
         worker_slots=1,
         watch_seconds=0.1,
         retention_days=1.0,
+        audit_days=1.0,
     )
     with served(settings) as address, httpx.Client(base_url=address, timeout=60.0) as client:
-        names = {"feed", "study feed", "jobs", "fleet", "webhooks", "expiry", "failures", "retention"}
+        names = {"feed", "study feed", "jobs", "fleet", "webhooks", "expiry", "failures", "retention", "audit log"}
 
         def told() -> str:
             answer = client.get("/readyz")

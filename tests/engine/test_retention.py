@@ -9,14 +9,14 @@ from support.service import task
 
 from planners.contract.scene_document import SceneDocument
 from planners.perception.perceive import PerceivedScene
-from workers.engine.housekeeping import BATCH, US_PER_DAY, delete_old
+from workers.engine.housekeeping import BATCH, US_PER_DAY, delete_old, delete_old_audit
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
 from workers.stores.plan_store import PackedDocument, PlanEvent, PlanStore, now_us
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
-from workers.stores.tables import DOCUMENTS, EVENTS, PLANS, SCENES
+from workers.stores.tables import AUDIT, DOCUMENTS, EVENTS, PLANS, SCENES
 
 
 def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: float | None) -> str:
@@ -103,3 +103,11 @@ def test_more_than_a_batch_is_deleted(database: Database, queue: JobQueue) -> No
     assert (
         delete_old(PlanStore(database), SceneStore(database), studies_of(database, queue), queue, days=1) == BATCH + 6
     )
+
+
+def test_entries_of_the_audit_log_are_deleted_when_they_are_old_enough_and_no_others(database: Database) -> None:
+    for age_days in (12, 11, 9, 0):
+        entry = {"at_us": now_us() - age_days * US_PER_DAY, "action": "POST", "target": f"{age_days}", "status": 202}
+        database.write(sa.insert(AUDIT).values(entry))
+    assert [delete_old_audit(database, days=10) for _ in range(2)] == [2, 0]
+    assert database.column(sa.select(AUDIT.c.target).order_by(AUDIT.c.number)) == ["9", "0"]

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
+import sqlalchemy as sa
 import structlog
 
 from workers.stores.cell_store import CellStore
+from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import Job
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore
 from workers.stores.study_store import StudyStore
-from workers.stores.tables import Position, now_us
+from workers.stores.tables import AUDIT, Position, now_us
 
 BATCH = 100
 DELETION_PAUSE_SECONDS = 3600.0
@@ -71,6 +73,16 @@ def delete_old(store: PlanStore, scenes: SceneStore, studies: StudyStore, queue:
     scenes_gone = scenes.delete_before(before)
     if gone or scenes_gone or studies_gone:
         log.info("old plans deleted", plans=gone, studies=studies_gone, scenes=scenes_gone, days=days)
+    return gone
+
+
+def delete_old_audit(database: Database, days: float) -> int:
+    """Delete every entry of the audit log from more than so many days ago, and return how many there were."""
+    before = now_us() - round(days * US_PER_DAY)
+    with database.engine.begin() as transaction:
+        gone = transaction.execute(sa.delete(AUDIT).where(AUDIT.c.at_us < before)).rowcount
+    if gone:
+        log.info("old entries of the audit log deleted", entries=gone, days=days)
     return gone
 
 

@@ -17,7 +17,14 @@ from dbos._dbos import _get_dbos_instance
 
 from workers.engine.deadline import PatientQuestion
 from workers.engine.executor_lock import AdvisoryLock
-from workers.engine.housekeeping import DELETION_PAUSE_SECONDS, cancel_overdue, clear_cells, count_failures, delete_old
+from workers.engine.housekeeping import (
+    DELETION_PAUSE_SECONDS,
+    cancel_overdue,
+    clear_cells,
+    count_failures,
+    delete_old,
+    delete_old_audit,
+)
 from workers.engine.job_runner import JobFailed, JobRunner
 from workers.engine.study_runner import StudyRunner
 from workers.engine.supervisor import Supervisor
@@ -177,6 +184,9 @@ class Worker:
             stores = store, SceneStore(self._database), self._studies
             delete = partial(delete_old, *stores, queue, settings.retention_days)
             repeat("retention", partial(asyncio.to_thread, delete), DELETION_PAUSE_SECONDS, at_once=True)
+        if settings.audit_days is not None:
+            delete_audit = partial(delete_old_audit, self._database, settings.audit_days)
+            repeat("audit log", partial(asyncio.to_thread, delete_audit), DELETION_PAUSE_SECONDS, at_once=True)
 
     async def _leave_engine(self) -> None:
         with suppress(TimeoutError):
