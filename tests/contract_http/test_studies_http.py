@@ -218,7 +218,7 @@ def test_parts_that_wait_or_run_are_in_the_metrics_and_are_no_jobs(client: httpx
         )
         return {f"{family} {state}": float(value) for family, state, value in samples}
 
-    assert set(told().values()) == {0.0}
+    wait_for(lambda: set(told().values()) == {0.0}, 60.0)
     post(client, "hang", axes=[{**X, "count": 48}])
     wait_for(lambda: told()["study_parts running"] == 2, 20.0)
     now = told()
