@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from app.cli.output import BAD_INPUT, BadInput, said_of
 from app.example_tasks import example_tasks
 from planners.errors import LiftwrightError
+from workers.processor import unset_empty_names
 
 if TYPE_CHECKING:
     from app.cli.cell_command import CellKeeper
@@ -144,6 +145,7 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
+    unset_empty_names()
     parsed = _parsed(arguments)
     try:
         return parsed.run(parsed)

@@ -17,6 +17,7 @@ from app.access.access_control import HEALTH as HEALTH_PATHS
 from app.cli.main import _parser
 from app.settings import ServiceSettings
 from tests.deployment.containers import BASES, STAND_INS
+from workers.processor import FEATURES_VARIABLE, NAME_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
@@ -211,6 +212,15 @@ def test_packages_are_in_the_image_once_and_kernels_are_compiled_from_there_by_w
     assert not any(re.search(r"\b(planners|workers|app)\b", line) for line in arguments("COPY", FINAL))
     warmup = next(number for number, (_, rest) in enumerate(FINAL) if rest == "liftwright warmup")
     assert words.index("USER") < warmup < words.index("VOLUME")
+
+
+def test_kernels_are_compiled_for_the_processor_that_a_build_names_and_looked_for_by_that_name() -> None:
+    warmup = FINAL.index(("RUN", "liftwright warmup"))
+    for variable in (NAME_VARIABLE, FEATURES_VARIABLE):
+        assert FINAL.index(("ARG", f'{variable}=""')) < warmup
+        assert environment_of_the_image()[variable] == f"${{{variable}}}"
+    told = [number for number, (word, rest) in enumerate(FINAL) if word == "ENV" and NAME_VARIABLE in rest]
+    assert max(told) < warmup
 
 
 @pytest.mark.parametrize("name", OURS)
