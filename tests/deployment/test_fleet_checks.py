@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, cast
@@ -48,6 +49,12 @@ def test_programs_that_are_not_there_are_told_as_packages(monkeypatch: pytest.Mo
     monkeypatch.setattr(containers.shutil, "which", lambda program, path: None)
     assert missing_packages() == list(PROGRAMS.values())
     assert {"podman", "buildah", "netavark", "aardvark-dns", "debootstrap"} <= set(PROGRAMS.values())
+
+
+def test_the_packages_that_are_asked_for_are_those_that_the_readme_names() -> None:
+    found = re.search(r"apt-get install --no-install-recommends ([^`]+)`", (fleet.ROOT / "README.md").read_text())
+    assert found is not None
+    assert sorted(found[1].split()) == sorted(PROGRAMS.values())
 
 
 class MadeUpFleet:
