@@ -36,6 +36,14 @@ RUN apt-get update \
 COPY --from=packages /packages /
 USER liftwright
 WORKDIR /home/liftwright
+# For which processors kernels are compiled, as LLVM names them; empty: for those of the model that this is built on.
+# Elsewhere each container would compile them anew. Both are needed, for example x86-64-v3 and +avx2,+fma.
+ARG NUMBA_CPU_NAME=""
+ARG NUMBA_CPU_FEATURES=""
+# As with COMMIT below.
+RUN : "${NUMBA_CPU_NAME} ${NUMBA_CPU_FEATURES}"
+ENV NUMBA_CPU_NAME=${NUMBA_CPU_NAME} \
+    NUMBA_CPU_FEATURES=${NUMBA_CPU_FEATURES}
 RUN liftwright warmup
 # Not before: what is above is the same for every commit that changes no file of it.
 ARG COMMIT=""

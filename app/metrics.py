@@ -44,9 +44,16 @@ def process_metrics() -> tuple[Collector, ...]:
 class ServiceMetrics(Collector):
     """The state of the fleet at one moment."""
 
-    def __init__(self, depth: Depth, stored: Mapping[str, int], counted: Sequence[Total]) -> None:
-        """`stored` counts the documents that are there, by outcome; `counted` is what was ever counted."""
-        self._depth, self._stored, self._counted = depth, stored, counted
+    def __init__(self, depth: Depth, parts: Depth, stored: Mapping[str, int], counted: Sequence[Total]) -> None:
+        """Take what is told.
+
+        Args:
+            depth: of the queue of jobs.
+            parts: of the queue of parts of studies.
+            stored: how many documents are there, by outcome.
+            counted: what was ever counted.
+        """
+        self._depth, self._parts, self._stored, self._counted = depth, parts, stored, counted
 
     def collect(self) -> Iterator[Metric]:
         """Yield every family of metrics."""
@@ -55,6 +62,10 @@ class ServiceMetrics(Collector):
         jobs.add_metric(["delayed"], self._depth.delayed)
         jobs.add_metric(["running"], self._depth.running)
         yield jobs
+        parts = GaugeMetricFamily("liftwright_study_parts", "Unfinished parts of studies", labels=["state"])
+        parts.add_metric(["queued"], self._parts.queued)
+        parts.add_metric(["running"], self._parts.running)
+        yield parts
         documents = GaugeMetricFamily("liftwright_documents", "Stored plan documents", labels=["outcome"])
         for outcome, count in self._stored.items():
             documents.add_metric([outcome], count)

@@ -73,6 +73,9 @@ class ServiceSettings(WorkerSettings):
     """So many webhooks an owner may have [1]."""
     authentication: Literal["auto", "required"] = "auto"
     """Whether keys are asked for. auto: once there is one, or if `host` is not this machine's own."""
+    metrics_without_key: bool = False
+    """Whether `/metrics` is answered to whoever reaches the port, by whatever name, as `/livez` is: what collects
+    metrics from containers finds them by address, and has no key. They tell how much is planned, and nothing of it."""
     requests_per_second: float = Field(default=100.0, gt=0.0)
     """So often a key may be used in the long run, at each API process [1/s]."""
     request_burst: int = Field(default=200, ge=1)

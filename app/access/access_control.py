@@ -24,6 +24,7 @@ LOGIN = "/viewer/login"
 HEALTH = frozenset({"/livez", "/readyz"})
 PUBLIC = HEALTH | {LOGIN, "/viewer/style.css"}
 """What a machine that has no key may ask for: whether the service lives, and how to show a key."""
+METRICS = "/metrics"
 ADMIN = frozenset({"/v1/audit"})
 SAFE = frozenset({"GET", "HEAD", "OPTIONS", "TRACE"})
 ASKING = frozenset({"/v1/tasks/check"})
@@ -96,7 +97,7 @@ async def admit(request: HTTPConnection) -> Caller | None:
     if (method not in SAFE or request.scope["type"] == "websocket") and not is_from_here(request.headers):
         raise ForeignPage
     needed = needed_scope(method, request.url.path)
-    if needed is None:
+    if needed is None or _is_for_watchers(request):
         return None
     caller = await authenticator.admit(Credentials.of(request.headers, request.cookies), address_of(request) or "")
     if not caller.scope.allows(needed):
@@ -114,8 +115,7 @@ def _require_host(request: HTTPConnection, authenticator: Authenticator) -> None
     Without keys no other name than this machine's own is one, whatever is set: everybody would be let in.
     """
     settings: ServiceSettings = request.app.state.settings
-    if request.url.path in HEALTH:
-        # Asked by address, by what watches containers.
+    if _is_for_watchers(request):
         return
     given = request.headers.get("host", "")
     name = _name_in(given)
@@ -124,6 +124,15 @@ def _require_host(request: HTTPConnection, authenticator: Authenticator) -> None
         raise WrongHost(given, allowed)
     if not allowed and settings.is_loopback and not _is_loopback_name(name):
         raise WrongHost(given, ())
+
+
+def _is_for_watchers(request: HTTPConnection) -> bool:
+    """Whether a request is one of what watches containers: it has no key, and calls each by its address."""
+    settings: ServiceSettings = request.app.state.settings
+    path = request.url.path
+    return path in HEALTH or (
+        path == METRICS and settings.metrics_without_key and request.scope.get("method") in ("GET", "HEAD")
+    )
 
 
 def is_from_here(headers: Headers) -> bool:

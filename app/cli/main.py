@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from app.cli.output import BAD_INPUT, BadInput, said_of
 from app.example_tasks import example_tasks
 from planners.errors import LiftwrightError
+from workers.processor import unset_empty_names
 
 if TYPE_CHECKING:
     from app.cli.cell_command import CellKeeper
@@ -144,6 +145,7 @@ examples:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
+    unset_empty_names()
     parsed = _parsed(arguments)
     try:
         return parsed.run(parsed)
@@ -287,9 +289,15 @@ def _parser() -> argparse.ArgumentParser:
     check = commands.add_parser(
         "check-worker",
         help="exit code 0 if a worker of this name is alive and can prove it",
-        description="For a container's health check: asks the database, not the process.",
+        description="For a container's health check: asks the database, not the process, unless --alive is given.",
     )
     check.add_argument("--worker-name", metavar="NAME", help="default: the host's name")
+    check.add_argument(
+        "--alive",
+        action="store_true",
+        help="ask the process alone, on its own machine: for what ends a worker that does not get on; one that waits "
+        "for its database does",
+    )
     _add_storage(check)
     check.set_defaults(run=_check_worker)
 
@@ -696,9 +704,14 @@ def _revoke_key(parsed: argparse.Namespace) -> int:
 
 
 def _check_worker(parsed: argparse.Namespace) -> int:
+    settings = _service_settings(parsed)
+    if parsed.alive and not settings.embedded:
+        from workers.engine.sign_of_life import shows_life
+
+        return 0 if shows_life(settings) else FAILED
     from workers.engine.executor_lock import worker_lives
 
-    return 0 if worker_lives(_service_settings(parsed)) else FAILED
+    return 0 if worker_lives(settings) else FAILED
 
 
 def _warm_up(parsed: argparse.Namespace) -> int:

@@ -14,6 +14,7 @@ from app.resources.plan_collection import PlanCollection
 from workers.engine.deadline import PatientQuestion
 from workers.engine.supervisor import Supervisor
 from workers.stores.database_loss import DATABASE_GONE, said_by
+from workers.stores.job_queue import STUDY_QUEUE
 
 PROBE_SECONDS = 2.0
 """So long a probe waits for the database [s]; who watches containers gives up after three."""
@@ -52,11 +53,12 @@ async def readyz(request: Request) -> dict[str, str]:
 
 @router.get("/metrics", summary="Prometheus metrics", response_class=Response)
 def metrics(request: Request) -> Response:
-    """Tell the queue's depth, what has become of jobs and how long their stages took, of all workers together."""
+    """Tell the queues' depths, what has become of jobs and how long their stages took, of all workers together."""
     plans: PlanCollection = request.app.state.plans
     registry = CollectorRegistry()
-    depth = plans.queue.depth(request.app.state.settings.max_queued)
-    registry.register(ServiceMetrics(depth, plans.store.outcome_counts(), plans.store.totals()))
+    most = request.app.state.settings.max_queued
+    jobs, parts = plans.queue.depth(most), plans.queue.depth(most, STUDY_QUEUE)
+    registry.register(ServiceMetrics(jobs, parts, plans.store.outcome_counts(), plans.store.totals()))
     for collector in process_metrics():
         registry.register(collector)
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -78,6 +78,22 @@ def test_with_keys_a_service_on_loopback_answers_to_its_own_machine_or_to_the_na
             assert status == 200 or "mes-planner" in answer.json()["detail"]
 
 
+def test_metrics_are_shown_without_a_key_where_that_is_set_and_nothing_else_is(tmp_path: Path) -> None:
+    for shown in (False, True):
+        settings = settings_in(
+            tmp_path, authentication="required", allowed_hosts=["mes-planner"], metrics_without_key=shown
+        )
+        with served(settings, with_worker=False) as address, httpx.Client(base_url=address) as client:
+            by_address = {"Host": "10.1.2.3:8040"}
+            answer = client.get("/metrics", headers=by_address)
+            assert answer.status_code == (200 if shown else 421)
+            assert ("liftwright_jobs" in answer.text) == shown
+            assert client.get("/metrics", headers={"Host": "mes-planner"}).status_code == (200 if shown else 401)
+            assert client.post("/metrics", headers={"Host": "mes-planner"}).status_code == 401
+            assert client.get("/v1/plans", headers={"Host": "mes-planner"}).status_code == 401
+            assert client.get("/v1/plans", headers=by_address).status_code == 421
+
+
 def sent(service: GuardedService, text: bytes, *, leave: bool = False) -> bytes:
     """Send bytes as they are, and return what comes until the service closes."""
     parts = urlsplit(service.address)

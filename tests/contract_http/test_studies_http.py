@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -206,6 +207,23 @@ def test_points_are_counted_in_the_metrics(client: httpx.Client) -> None:
     done(client)
     lines = client.get("/metrics").text.splitlines()
     assert any(line.startswith('liftwright_study_points_total{outcome="solved"}') for line in lines)
+
+
+def test_parts_that_wait_or_run_are_in_the_metrics_and_are_no_jobs(client: httpx.Client) -> None:
+    """Two places for parts, and twelve points to each."""
+
+    def told() -> dict[str, float]:
+        samples = re.findall(
+            r'^liftwright_(study_parts|jobs)\{state="(\w+)"\} (\S+)$', client.get("/metrics").text, re.M
+        )
+        return {f"{family} {state}": float(value) for family, state, value in samples}
+
+    wait_for(lambda: set(told().values()) == {0.0}, 60.0)
+    post(client, "hang", axes=[{**X, "count": 48}])
+    wait_for(lambda: told()["study_parts running"] == 2, 20.0)
+    now = told()
+    assert now.pop("study_parts running") == now.pop("study_parts queued") == 2
+    assert set(now.values()) == {0.0}
 
 
 def test_plans_go_on_while_studies_fill_all_places(client: httpx.Client) -> None:

@@ -1,8 +1,7 @@
 """Podman and buildah with images, containers and volumes in a folder of their own, without a registry of images.
 
 The bases are made of Debian's packages: on a machine that reaches no registry there is no other way, and where one is
-reached the fleet is built the same. As root; on Debian: podman, buildah, runc, netavark, aardvark-dns, iptables and
-debootstrap.
+reached the fleet is built the same. As root, with the packages that `PROGRAMS` names.
 """
 
 from __future__ import annotations
@@ -17,7 +16,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 STAND_INS = Path(__file__).parent / "stand_ins"
-PROGRAMS = ("podman", "buildah", "runc", "debootstrap", "iptables")
+PROGRAMS = {
+    "podman": "podman",
+    "buildah": "buildah",
+    "conmon": "conmon",
+    "runc": "runc",
+    "netavark": "netavark",
+    "aardvark-dns": "aardvark-dns",
+    "iptables": "iptables",
+    "debootstrap": "debootstrap",
+    "git": "git",
+}
+"""What is run, and Debian's package that has it."""
+HELPERS = ("/usr/local/libexec/podman", "/usr/local/lib/podman", "/usr/libexec/podman", "/usr/lib/podman")
+"""Where podman looks for programs that nobody else runs."""
 BASES = {
     "docker.io/library/python:3.11.14-slim-bookworm": "python.Dockerfile",
     "docker.io/library/postgres:15.14-bookworm": "postgres.Dockerfile",
@@ -43,15 +55,23 @@ esac
 """
 
 
+def missing_packages() -> list[str]:
+    """Return Debian's packages of those programs that are not there."""
+    places = os.pathsep.join([os.environ.get("PATH", os.defpath), *HELPERS])
+    return [package for program, package in PROGRAMS.items() if shutil.which(program, path=places) is None]
+
+
 class Containers:
     """All that podman knows, in one folder."""
 
     def __init__(self, folder: Path, note: Callable[[str], None]) -> None:
         """`note` is told what is done."""
-        missing = [program for program in PROGRAMS if shutil.which(program) is None]
-        if missing or os.geteuid() != 0:
+        if os.geteuid() != 0:
+            sys.exit("make fleet runs as root: it makes a network and file systems of its own")
+        if missing := missing_packages():
             sys.exit(
-                f"make fleet runs as root and needs {', '.join(PROGRAMS)}; missing: {', '.join(missing) or 'root'}"
+                "make fleet needs programs that are not here: "
+                f"`apt-get install --no-install-recommends {' '.join(missing)}` installs them"
             )
         self.folder, self._note = folder, note
         self._programs = folder / "bin"

@@ -10,13 +10,15 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import random
 import re
 import shutil
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,13 +34,26 @@ BACKUP = "/var/lib/postgresql/data/backup"
 """Where a container of the database may write."""
 FOLDER = Path("/var/tmp/liftwright-fleet")
 """For images and volumes, some GB."""
-PASSWORD = "p@ss/w:rd#1 %"
-"""What stands in URLs for something else, too."""
+PASSWORD = "p@ss/w:rd#1 %41"
+"""With what stands in addresses for something else."""
+SERVICES = ("postgres", "api", "worker")
+WORKERS, MORE_WORKERS = 2, 3
+FACTS = ("/proc/1/status", "/proc/1/mounts")
+"""What a container's first process is, as the kernel tells it."""
 STARTUP_SECONDS = 300.0
 DOWN_SECONDS = 120.0
 PLANNING_SECONDS = 1800.0
 QUICK, MANY = "ab1", 6
 """A shipped task that is planned again and again, and how often."""
+TRIES = 3
+"""So often a worker is killed until it had a job: between two it has none for a moment."""
+KILLS = {"worker": 12, "api": 6, "postgres": 6}
+"""How often a container of each service is killed, in an order by chance."""
+KILL_SEED = 1000
+UNFINISHED = 4
+"""With so many jobs that have not ended, the next container is killed."""
+PAUSE_SECONDS, DOWN_FOR_SECONDS = 1.5, 2.0
+"""So long it is waited at most before a kill, and before what was killed is started again."""
 
 
 @dataclass
@@ -51,7 +66,7 @@ class FleetFigures:
     rebuilding: float = 0.0
     """For another commit that changes none of its files."""
     starting: float = 0.0
-    """API and workers, until the API is ready."""
+    """API and workers, until the API is ready and the workers are healthy."""
     compiled: int = 0
     """Kernels that containers compiled after their start [1]."""
     outcomes: dict[str, str] = field(default_factory=dict)
@@ -61,9 +76,15 @@ class FleetFigures:
     taken_over: int = 0
     """Jobs of a worker that was killed, done by others [1]."""
     upgrading: float = 0.0
-    """Until the API of the rebuilt image is ready."""
+    """Until API and workers of the rebuilt image are ready."""
     waited: int = 0
-    """Jobs that had not ended when the image was replaced, and did after it [1]."""
+    """Jobs that were accepted before the image was replaced, and planned by the rebuilt one [1]."""
+    kills: dict[str, int] = field(default_factory=dict)
+    """Containers that were killed at random, by service [1]."""
+    outlived: int = 0
+    """Jobs that were accepted meanwhile; each ended once, with the document that its hash says [1]."""
+    begun_anew: int = 0
+    """How often these were begun again [1]."""
     restored: int = 0
     """Documents that are the same after the database was lost and restored [1]."""
 
@@ -76,7 +97,6 @@ class Fleet:
         self.source = containers.folder / "source"
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self._port = probe.getsockname()[1]
-        self._environment = {"POSTGRES_PASSWORD": PASSWORD, "LIFTWRIGHT_PORT": str(self._port)}
         self.key = ""
 
     def take_source(self) -> None:
@@ -85,6 +105,8 @@ class Fleet:
         self.source.mkdir()
         archive = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout
         subprocess.run(["tar", "--extract", f"--directory={self.source}"], input=archive, check=True)
+        # Quoted, as the README has it: unquoted, a # would begin a comment.
+        (self.source / ".env").write_text(f"POSTGRES_PASSWORD='{PASSWORD}'\nLIFTWRIGHT_PORT={self._port}\n")
 
     def build(self, commit: str) -> float:
         """Build the image, and return how long it took [s]."""
@@ -101,21 +123,24 @@ class Fleet:
     def compose(self, *words: object) -> str:
         """Run podman-compose on the fleet."""
         command = self._containers.composer()
-        return self._containers.run(
-            command, "--project-name=liftwright", *words, cwd=self.source, environment=self._environment
-        )
+        return self._containers.run(command, "--project-name=liftwright", *words, cwd=self.source)
 
     def names(self, service: str) -> list[str]:
         """Return the names of the containers of a service that run."""
         told = self._containers.podman("ps", "--format={{.Names}}", f"--filter=name=liftwright_{service}_")
         return told.split()
 
-    def up(self, *words: object) -> float:
-        """Start what does not run, and return after how long the API was ready [s]."""
+    def up(self, *words: object, workers: int = WORKERS) -> float:
+        """Start what does not run, and return after how long the API was ready and so many workers healthy [s]."""
         begun = time.monotonic()
-        self.compose("up", "--detach", "--no-build", *words)
-        wait_until(self._is_ready, STARTUP_SECONDS, "the API is ready")
+        self.compose("up", "--detach", "--no-build", f"--scale=worker={workers}", *words)
+        self.wait_until_ready(workers)
         return time.monotonic() - begun
+
+    def wait_until_ready(self, workers: int) -> None:
+        """Wait until the API is ready, and so many workers are healthy."""
+        wait_until(self._is_ready, STARTUP_SECONDS, "the API is ready")
+        wait_until(lambda: len(self.healthy("worker")) == workers, STARTUP_SECONDS, f"{workers} workers are healthy")
 
     def start_database(self) -> None:
         """Start the database alone, and wait until it answers."""
@@ -128,12 +153,38 @@ class Fleet:
         (self.key,) = re.findall(r"^(\S{30,})\s*$", self.compose(*words), re.MULTILINE)
 
     def healthy(self, service: str) -> list[str]:
-        """Return the containers of a service whose health check holds."""
-        return [name for name in self.names(service) if self._is_healthy(name)]
+        """Return the containers of a service whose health check holds; all are asked at once."""
+        names = self.names(service)
+        with ThreadPoolExecutor(max(1, len(names))) as pool:
+            return [name for name, holds in zip(names, pool.map(self._is_healthy, names), strict=True) if holds]
 
-    def kill(self, name: str) -> None:
-        """Kill a container, as the kernel does one that takes too much."""
+    def kill(self, name: str) -> int:
+        """Kill a container, as the kernel does one that takes too much, and return the process that it was."""
+        process = self._process(name)
         self._containers.podman("kill", "--signal=KILL", name)
+        return process
+
+    def begin_again(self, name: str, killed: int) -> None:
+        """Start a container whose process was killed, unless it was started again by itself."""
+
+        def runs() -> bool:
+            # Podman may not have noticed yet that it has ended, and then does nothing.
+            self._containers.podman("start", name, check=False)
+            return self._process(name) not in (0, killed)
+
+        wait_until(runs, DOWN_SECONDS, f"{name} runs again")
+
+    def faults_of_hardening(self) -> list[str]:
+        """Return what is not as docker-compose.yml says of the containers that run, asked within each."""
+        names = [name for service in SERVICES for name in self.names(service)]
+        return [f"{name} {fault}" for name in names for fault in faults_of_hardening(*map(self._reader(name), FACTS))]
+
+    def _reader(self, name: str) -> Callable[[str], str]:
+        return lambda path: self._containers.podman("exec", name, "cat", path)
+
+    def _process(self, name: str) -> int:
+        """Return the first process of a container; 0 if there is none."""
+        return int(self._containers.podman("inspect", "--format={{.State.Pid}}", name))
 
     def compiled_since_start(self, service: str) -> int:
         """Count kernels that the containers of a service have written since they were started."""
@@ -199,7 +250,7 @@ class Fleet:
 
 
 def measure(folder: Path, note: Callable[[str], None]) -> FleetFigures:
-    """Do all of it, and return what was measured; about half an hour the first time.
+    """Do all of it, and return what was measured; about an hour the first time.
 
     Raises:
         RuntimeError: Something did not go as it has to.
@@ -227,26 +278,33 @@ def _run(fleet: Fleet, figures: FleetFigures, note: Callable[[str], None]) -> No
     fleet.start_database()
     fleet.issue_key()
     figures.starting = fleet.up()
-    note(f"ready {figures.starting:.1f} s after the start, with {len(fleet.names('worker'))} workers")
+    note(f"ready {figures.starting:.1f} s after the start, with {WORKERS} workers")
+    require(not (faults := fleet.faults_of_hardening()), f"all containers are hardened: {', '.join(faults)}")
     with fleet.client() as client:
+        for path, status in {"/livez": 200, "/readyz": 200, "/v1/plans": 421}.items():
+            asked = client.get(path, headers={"Host": "elsewhere.example"}).status_code
+            require(
+                asked == status, f"{path} by a name that is not the API's is answered with {status}, and not {asked}"
+            )
         _plan_shipped_tasks(client, figures, note)
         figures.compiled = fleet.compiled_since_start("api") + fleet.compiled_since_start("worker")
         note(f"{figures.compiled} kernels compiled since the start")
-        begun = time.monotonic()
-        fleet.up("--scale=worker=3")
-        wait_until(lambda: len(fleet.healthy("worker")) == 3, STARTUP_SECONDS, "three workers are healthy")
-        figures.scaling = time.monotonic() - begun
-        note(f"three workers, {figures.scaling:.0f} s later")
+        figures.scaling = fleet.up(workers=MORE_WORKERS)
+        note(f"{MORE_WORKERS} workers, {figures.scaling:.0f} s later")
         figures.taken_over = _kill_a_worker(fleet, client)
+        require(figures.taken_over > 0, f"one of {TRIES} workers that were killed had a job")
         note(f"a worker was killed; {figures.taken_over} of its jobs were done by others")
-        waiting = [_post(client, QUICK, seed) for seed in range(100, 100 + MANY)]
         figures.rebuilding = fleet.build("second")
-        figures.upgrading = fleet.up("--force-recreate", "--scale=worker=3")
-        figures.waited = sum(not _plan(client, plan)["done"] for plan in waiting)
-        _all_succeed(client, waiting)
+        # More of them than there are workers, and each takes longer than it takes to stop these.
+        waiting = [_post(client, QUICK, seed) for seed in range(100, 100 + MANY)]
+        figures.upgrading = fleet.up("--force-recreate", workers=MORE_WORKERS)
+        ended = _all_succeed(client, waiting)
+        figures.waited = sum(_document(client, plan)["software"]["commit"] == "second" for plan in ended)
+        require(figures.waited > 0, "jobs that were accepted before the upgrade are planned by the rebuilt image")
         note(f"upgraded in {figures.upgrading:.0f} s; {figures.waited} jobs waited for it, and ended after it")
-        after = _all_succeed(client, [_post(client, QUICK, 200)])
-        require(_document(client, after[0])["software"]["commit"] == "second", "the rebuilt image plans")
+        _kill_at_random(fleet, client, figures)
+        told = ", ".join(f"{number} of {service}" for service, number in figures.kills.items())
+        note(f"killed: {told}; {figures.outlived} jobs ended once each, begun again {figures.begun_anew} times")
         before = _documents(client)
     backup = fleet.source / "backup"
     fleet.dump(backup)
@@ -275,11 +333,87 @@ def _plan_shipped_tasks(client: httpx.Client, figures: FleetFigures, note: Calla
 
 
 def _kill_a_worker(fleet: Fleet, client: httpx.Client) -> int:
-    plans = [_post(client, QUICK, seed) for seed in range(MANY)]
-    wait_until(lambda: sum(_plan(client, plan)["state"] == "running" for plan in plans) >= 2, 120.0, "two jobs run")
-    fleet.kill(fleet.names("worker")[0])
-    attempts = [_plan(client, plan)["attempts"] for plan in _all_succeed(client, plans)]
-    return sum(number > 1 for number in attempts)
+    """Kill a worker that has a job, and return how many jobs others had to begin again; what was killed stays so."""
+    taken_over = 0
+    for first in range(0, TRIES * MANY, MANY):
+        workers = sorted(fleet.names("worker"))
+        plans = [_post(client, QUICK, seed) for seed in range(first, first + MANY)]
+        # Each has one place: then whichever is killed has a job, if that does not end just now.
+        wait_until(lambda plans=plans, workers=workers: _running(client, plans) == len(workers), 120.0, "all have jobs")
+        killed = fleet.kill(workers[0])
+        taken_over = sum(plan["attempts"] > 1 for plan in _all_succeed(client, plans))
+        if taken_over:
+            break
+        fleet.begin_again(workers[0], killed)
+    return taken_over
+
+
+def _running(client: httpx.Client, plans: Iterable[dict[str, Any]]) -> int:
+    return sum(_plan(client, plan)["state"] == "running" for plan in plans)
+
+
+def _kill_at_random(fleet: Fleet, client: httpx.Client, figures: FleetFigures) -> None:
+    """Kill containers while tasks are posted and planned, and require that no job is lost or done twice."""
+    chance = random.Random(KILL_SEED)
+    order = [service for service, number in KILLS.items() for _ in range(number)]
+    chance.shuffle(order)
+    before, made = len(_listed(client)), _documents_made(client)
+    accepted: list[dict[str, Any]] = []
+    unfinished: list[dict[str, Any]] = []
+    with ThreadPoolExecutor(1) as poster:
+        for number, service in enumerate(order):
+            coming = poster.submit(_post_until_accepted, client, KILL_SEED + number)
+            time.sleep(chance.uniform(0.0, PAUSE_SECONDS))
+            wait_until(lambda service=service: bool(fleet.names(service)), STARTUP_SECONDS, f"{service} runs")
+            name = chance.choice(sorted(fleet.names(service)))
+            killed = fleet.kill(name)
+            figures.kills[service] = figures.kills.get(service, 0) + 1
+            time.sleep(chance.uniform(0.0, DOWN_FOR_SECONDS))
+            fleet.begin_again(name, killed)
+            accepted.append(coming.result())
+            unfinished.append(accepted[-1])
+            deadline = time.monotonic() + PLANNING_SECONDS
+            while len(unfinished := [plan for plan in unfinished if not _plan(client, plan)["done"]]) > UNFINISHED:
+                require(time.monotonic() < deadline, f"jobs end after the kill of {name}")
+                time.sleep(0.5)
+    ended = _all_succeed(client, accepted)
+    listed = [plan["id"] for plan in _listed(client)]
+    require(len({plan["id"] for plan in ended}) == len(order), "each task is a plan of its own")
+    require({plan["id"] for plan in ended} <= set(listed), "each plan that was accepted is listed")
+    require(len(listed) == len(set(listed)) == before + len(order), "no task was accepted twice")
+    for plan in ended:
+        answer = client.get(plan["links"]["document"]).raise_for_status()
+        said = answer.headers["ETag"].removeprefix("W/").strip('"')
+        require(
+            hashlib.sha256(answer.content).hexdigest() == said, f"the document of {plan['id']} is what its hash says"
+        )
+        require(answer.json()["id"] == plan["id"], f"the document of {plan['id']} is its own")
+    require(_documents_made(client) - made == len(order), "each job has made one document")
+    figures.outlived, figures.begun_anew = len(ended), sum(plan["attempts"] - 1 for plan in ended)
+    fleet.wait_until_ready(MORE_WORKERS)
+
+
+def _documents_made(client: httpx.Client) -> int:
+    """Return how many documents all workers together have ever made."""
+    text = client.get("/metrics").raise_for_status().text
+    return sum(
+        int(float(number)) for number in re.findall(r"^liftwright_documents_made_total\{.*\} (\S+)$", text, re.M)
+    )
+
+
+def _post_until_accepted(client: httpx.Client, seed: int) -> dict[str, Any]:
+    """Post a task until it is accepted, by a key of its own, so that a repeat after a lost answer is none."""
+    task = {**json.loads((ROOT / f"assets/tasks/{QUICK}.json").read_text()), "seed": seed}
+    deadline = time.monotonic() + STARTUP_SECONDS
+    while True:
+        try:
+            answer = client.post("/v1/plans", json=task, headers={"Idempotency-Key": f"order-{seed}"})
+        except httpx.TransportError:
+            answer = None
+        if answer is not None and answer.status_code != httpx.codes.SERVICE_UNAVAILABLE:
+            return answer.raise_for_status().json()
+        require(time.monotonic() < deadline, f"a task is accepted within {STARTUP_SECONDS:.0f} s")
+        time.sleep(0.5)
 
 
 def _post(client: httpx.Client, name: str, seed: int | None = None) -> dict[str, Any]:
@@ -317,15 +451,41 @@ def _document(client: httpx.Client, plan: dict[str, Any]) -> dict[str, Any]:
 
 def _documents(client: httpx.Client) -> dict[str, str]:
     """Return the hashes of all documents by plan."""
+    return {
+        plan["id"]: hashlib.sha256(client.get(plan["links"]["document"]).raise_for_status().content).hexdigest()
+        for plan in _listed(client)
+    }
+
+
+def _listed(client: httpx.Client) -> list[dict[str, Any]]:
+    """Return all plans."""
     listed, token = [], {}
     while token is not None:
         page = client.get("/v1/plans", params={"page_size": 100, **token}).raise_for_status().json()
         listed += page["plans"]
         token = {"page_token": page["next_page_token"]} if page["next_page_token"] else None
-    return {
-        plan["id"]: hashlib.sha256(client.get(plan["links"]["document"]).raise_for_status().content).hexdigest()
-        for plan in listed
-    }
+    return listed
+
+
+def faults_of_hardening(status: str, mounts: str) -> Sequence[str]:
+    """Return what of a container is not as it has to be.
+
+    Args:
+        status: `/proc/1/status` as it is within.
+        mounts: `/proc/1/mounts` likewise.
+    """
+    facts = {name: value.split() for name, _, value in (line.partition(":") for line in status.splitlines())}
+    root = [words[3].split(",") for words in map(str.split, mounts.splitlines()) if words[1] == "/"]
+    return [
+        fault
+        for fault, holds in {
+            "runs as root": "0" in facts["Uid"] + facts["Gid"],
+            "has capabilities": any(int(facts[each][0], 16) for each in ("CapEff", "CapPrm", "CapInh", "CapBnd")),
+            "may gain privileges": facts["NoNewPrivs"] != ["1"],
+            "can write to its root file system": not root or any("ro" not in flags for flags in root),
+        }.items()
+        if holds
+    ]
 
 
 def wait_until(holds: Callable[[], bool], seconds: float, what: str) -> None:

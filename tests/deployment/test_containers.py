@@ -8,13 +8,16 @@ import shlex
 import tomllib
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 import yaml
 
+from app.access.access_control import HEALTH as HEALTH_PATHS
 from app.cli.main import _parser
 from app.settings import ServiceSettings
 from tests.deployment.containers import BASES, STAND_INS
+from workers.processor import FEATURES_VARIABLE, NAME_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
@@ -113,17 +116,35 @@ def test_api_and_workers_are_one_image_on_one_database() -> None:
     assert "postgres" in SERVICES
 
 
-def test_no_password_stands_in_the_file() -> None:
+def test_no_password_stands_in_the_file_nor_in_an_address_where_percent_signs_would_mean_something() -> None:
     for service in SERVICES.values():
-        for name, value in service["environment"].items():
-            if "PASSWORD" in name or "URL" in name:
-                assert "${POSTGRES_PASSWORD:?" in value
+        passwords = {name: value for name, value in service["environment"].items() if "PASSWORD" in name}
+        assert len(passwords) == 1
+        assert set(passwords.values()) == {"${POSTGRES_PASSWORD:?set POSTGRES_PASSWORD}"}
+    for service in OURS.values():
+        assert "PGPASSWORD" in service["environment"]
+        assert urlsplit(service["environment"]["LIFTWRIGHT_DATABASE_URL"]).password is None
+
+
+def test_the_api_answers_to_its_own_names_only_unless_others_are_set() -> None:
+    api = OURS["api"]
+    hosts = api["environment"]["LIFTWRIGHT_ALLOWED_HOSTS"]
+    default = re.fullmatch(r"\$\{LIFTWRIGHT_ALLOWED_HOSTS:-(.+)\}", hosts)
+    assert default is not None
+    settings = ServiceSettings.model_validate({"host": "0.0.0.0", "allowed_hosts": json.loads(default[1])})
+    (published,) = (port.partition(":")[0] for port in api["ports"])
+    assert {*settings.allowed_hosts} == {"localhost", published, "api"}
+    assert "api" in SERVICES, "by this name other containers call it"
+    asked = re.search(r"http://127\.0\.0\.1:8040(/\w+)", " ".join(api["healthcheck"]["test"]))
+    assert asked is not None
+    assert asked[1] in HEALTH_PATHS, "whatever names are set"
 
 
 @pytest.mark.parametrize("name", OURS)
 def test_variables_are_settings_and_commands_are_ours(name: str) -> None:
     known = {f"LIFTWRIGHT_{field.upper()}" for field in ServiceSettings.model_fields}
-    assert set(OURS[name]["environment"]) <= known
+    # The last is libpq's.
+    assert set(OURS[name]["environment"]) <= known | {"PGPASSWORD"}
     program, *words = OURS[name]["command"]
     assert program == "liftwright"
     assert _parser().parse_args(words).command == words[0]
@@ -191,6 +212,15 @@ def test_packages_are_in_the_image_once_and_kernels_are_compiled_from_there_by_w
     assert not any(re.search(r"\b(planners|workers|app)\b", line) for line in arguments("COPY", FINAL))
     warmup = next(number for number, (_, rest) in enumerate(FINAL) if rest == "liftwright warmup")
     assert words.index("USER") < warmup < words.index("VOLUME")
+
+
+def test_kernels_are_compiled_for_the_processor_that_a_build_names_and_looked_for_by_that_name() -> None:
+    warmup = FINAL.index(("RUN", "liftwright warmup"))
+    for variable in (NAME_VARIABLE, FEATURES_VARIABLE):
+        assert FINAL.index(("ARG", f'{variable}=""')) < warmup
+        assert environment_of_the_image()[variable] == f"${{{variable}}}"
+    told = [number for number, (word, rest) in enumerate(FINAL) if word == "ENV" and NAME_VARIABLE in rest]
+    assert max(told) < warmup
 
 
 @pytest.mark.parametrize("name", OURS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections import namedtuple
@@ -14,11 +15,14 @@ from typing import cast
 import psycopg
 import pytest
 import sqlalchemy as sa
+from psycopg import sql
 from sqlalchemy import event, exc
 from structlog.testing import capture_logs
 from support.postgres import needs_postgres, running_postgres
-from support.service import ROOT
+from support.service import FAKE_SOLVER, ROOT
+from support.worker import WorkerProcess
 
+from workers.engine.executor_lock import AdvisoryLock, worker_lives
 from workers.settings import WorkerSettings
 from workers.stores import database as database_module
 from workers.stores.database import SQLITE_FILE, DatabaseUnusable, open_database, server_database
@@ -99,6 +103,46 @@ def test_every_character_may_stand_in_a_password(tmp_path: Path, password: str) 
         assert (named["host"], named["port"], named["dbname"], named["user"]) == (
             "db.example", 6543, "liftwright", "planner",
         )  # fmt: skip
+
+
+@pytest.mark.parametrize("who", ["", "planner@", "planner:p@ss?x=1@"])
+def test_what_a_query_says_ends_no_password(tmp_path: Path, who: str) -> None:
+    url = f"postgresql://{who}db.example/liftwright?application_name=planner@factory&options=-c%20work_mem%3D8MB"
+    database = server_database(WorkerSettings(data_dir=tmp_path, database_url=url))
+    _, named = database.engine.dialect.create_connect_args(database.engine.url)
+    assert (named["host"], named["dbname"]) == ("db.example", "liftwright")
+    assert (named["application_name"], named["options"]) == ("planner@factory", "-c work_mem=8MB")
+    assert (named.get("user"), named.get("password")) == (
+        "planner" if who else None, "p@ss?x=1" if ":" in who else None,
+    )  # fmt: skip
+
+
+@needs_postgres
+def test_a_password_beside_the_address_is_taken_as_it_is_by_all_who_connect(tmp_path: Path) -> None:
+    """As docker-compose.yml gives it, the server too: `%41` is no A there. API, worker and engine connect with it."""
+    password = "p%41 ss@/:#?'\\"
+    with running_postgres() as server:
+        with psycopg.connect(server.url, autocommit=True) as connection:
+            connection.execute(sql.SQL("ALTER ROLE liftwright PASSWORD {}").format(password))
+        hosts = server.folder / "pg_hba.conf"
+        hosts.write_text("host all all all scram-sha-256\n")
+        with psycopg.connect(server.url, autocommit=True) as connection:
+            connection.execute("SELECT pg_reload_conf()")
+        settings = WorkerSettings(data_dir=tmp_path, database_url=server.url, worker_name="only", worker_slots=1)
+        with pytest.MonkeyPatch.context() as environment:
+            environment.setattr(database_module, "START_SECONDS", 0.0)
+            environment.delenv("PGPASSWORD", raising=False)
+            with pytest.raises(DatabaseUnusable, match="no password"):
+                open_database(settings)
+            environment.setenv("PGPASSWORD", password)
+            with closing(open_database(settings)) as database, closing(AdvisoryLock(database, "only")) as lock:
+                database.require_writable()
+                assert lock.hold()
+                assert worker_lives(settings)
+            worker = WorkerProcess("only", tmp_path, FAKE_SOLVER, database_url=server.url)
+            worker.start().end(signal.SIGTERM)
+            assert "fe_sendauth" not in worker.log
+            assert "Traceback" not in worker.log
 
 
 @pytest.mark.parametrize("url", ["nonsense", "mysql://u@h/d", "postgresql:/h", ""])

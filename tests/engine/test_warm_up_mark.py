@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
+from support.service import ROOT
 
+from workers.processor import FEATURES_VARIABLE, NAME_VARIABLE
 from workers.settings import WorkerSettings
 from workers.solver import warm_up
 from workers.solver.warm_up import MARK, is_warm, mark_warm
+
+EMPTY = """
+import contextlib, sys
+from app.cli.main import main
+assert "numba" not in sys.modules
+with contextlib.suppress(SystemExit):
+    main(["--version"])
+import numba
+assert (numba.config.CPU_NAME, numba.config.CPU_FEATURES) == (None, None)
+"""
 
 
 @pytest.fixture
@@ -57,6 +71,32 @@ def test_another_solver_another_place_of_kernels_or_another_data_directory_makes
     assert not is_warm(settings.model_copy(update={"data_dir": tmp_path / "elsewhere"}))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert not is_warm(settings)
+
+
+def test_a_mark_holds_on_another_processor_only_if_kernels_are_compiled_for_one_that_is_named(
+    tmp_path: Path, source: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = WorkerSettings(data_dir=tmp_path / "data")
+    for given in ({}, {NAME_VARIABLE: "x86-64-v3"}, {NAME_VARIABLE: "x86-64-v3", FEATURES_VARIABLE: "+avx2"}):
+        with monkeypatch.context() as here:
+            # An image that was built without has them empty.
+            for variable in (NAME_VARIABLE, FEATURES_VARIABLE):
+                here.setenv(variable, given.get(variable, ""))
+            mark_warm(settings)
+            assert is_warm(settings)
+            here.setattr(warm_up.codegen, "get_host_cpu_features", lambda: "+sse2,-avx2")
+            assert is_warm(settings) == (len(given) == 2)
+            mark_warm(settings)
+            here.setattr(warm_up.binding, "get_host_cpu_name", lambda: "another")
+            assert is_warm(settings) == (len(given) >= 1)
+            here.setenv(NAME_VARIABLE, "x86-64-v2")
+            assert not is_warm(settings)
+
+
+def test_an_empty_name_of_a_processor_is_none_to_the_compiler() -> None:
+    """As in an image that was built without one: the compiler would take it for a name."""
+    environment = {**os.environ, NAME_VARIABLE: "", FEATURES_VARIABLE: ""}
+    subprocess.run([sys.executable, "-c", EMPTY], cwd=ROOT, env=environment, check=True, stdout=subprocess.DEVNULL)
 
 
 def test_the_sources_that_count_are_there() -> None:

@@ -80,7 +80,7 @@ LAYERS = {
         ("study", "program"),
     ),
     "workers": (
-        ("settings", "software", "loading"),
+        ("settings", "software", "loading", "processor"),
         ("simulation", "stores", "robot"),
         ("solver", "webhooks"),
         ("engine",),

@@ -26,6 +26,7 @@ from workers.engine.housekeeping import (
     delete_old_audit,
 )
 from workers.engine.job_runner import JobFailed, JobRunner
+from workers.engine.sign_of_life import SignOfLife
 from workers.engine.study_runner import StudyRunner
 from workers.engine.supervisor import Supervisor
 from workers.engine.takeover import Takeover
@@ -96,6 +97,7 @@ class Worker:
         run still ends."""
         self._telling: asyncio.Task[None] | None = None
         lock = None if settings.embedded else AdvisoryLock(database, settings.executor_name)
+        self._sign = SignOfLife(settings)
         self._takeover = Takeover(settings, queue, lock, lambda: frozenset(self._at_work), lambda: supervisor.stuck)
 
     async def start(self) -> None:
@@ -162,6 +164,7 @@ class Worker:
             # Whatever is wrong with solvers: the name must be free for the next worker.
             await self._leave_engine()
             self._takeover.stop()
+            self._sign.withdraw()
 
     async def _tell_when_loaded(self) -> None:
         loaded, slots = await self._pool.loaded(), self._settings.worker_slots
@@ -176,6 +179,8 @@ class Worker:
         repeat("jobs", self._leave_lost_jobs, settings.cancel_poll_seconds)
         repeat("proof of life", self._leave_all_if_alone, settings.cancel_poll_seconds)
         repeat("fleet", self._takeover.look, settings.watch_seconds)
+        if not settings.embedded:
+            repeat("sign of life", self._show_life, settings.watch_seconds, at_once=True)
         repeat("webhooks", partial(asyncio.to_thread, self._webhooks.look), looks[DELIVERY_QUEUE].seconds)
         repeat("expiry", partial(asyncio.to_thread, partial(cancel_overdue, store, queue)), settings.watch_seconds)
         repeat("failures", partial(asyncio.to_thread, partial(count_failures, store)), settings.watch_seconds)
@@ -258,6 +263,11 @@ class Worker:
         """Leave all jobs once others may have them; beside what looks for lost ones, which may hang on the database."""
         if self._takeover.alone:
             self._leave([*self._runner.solving, *self._study_runner.examining])
+
+    async def _show_life(self) -> None:
+        """Say that this process gets on: its loop turns, for this is called by it, and nothing in it is stuck."""
+        if not self._supervisor.stuck:
+            self._sign.give()
 
     def _leave(self, job_ids: Collection[str]) -> None:
         for job_id in job_ids:

@@ -22,11 +22,12 @@ from tempfile import TemporaryDirectory
 import numba
 import structlog
 from llvmlite import binding
-from numba.core import serialize
+from numba.core import codegen, serialize
 from numba.core.caching import UserProvidedCacheLocator
 
 from planners.contract.strict_model import parsed
 from planners.errors import LiftwrightError
+from workers.processor import FEATURES_VARIABLE, NAME_VARIABLE
 from workers.settings import WorkerSettings
 from workers.solver.process import COMPILE, PARTS
 from workers.solver.protocol import HANDOVERS_VARIABLE
@@ -38,8 +39,6 @@ CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 """Tells the compiler where to keep compiled kernels."""
 COMPILER = "numba"
 COMPILERS = ("llvmlite", "numba", "numpy")
-VARIABLES = (CACHE_VARIABLE, "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
-"""Where compiled kernels are kept, and what processor they are for."""
 MARK = "warm"
 """File beside the handovers, with a hash of all that they and compiled kernels depend on. Whoever removes the handovers
 has them computed again."""
@@ -167,9 +166,14 @@ def mark_warm(settings: WorkerSettings) -> None:
 
 
 def _digest(settings: WorkerSettings) -> str:
-    """Return the hash of compiler, processor, sources and assets as they are now."""
-    facts = [*settings.solver_command, platform.python_version(), binding.get_host_cpu_name()]
-    facts += [version(name) for name in COMPILERS] + [os.environ.get(name, "") for name in VARIABLES]
+    """Return the hash of compiler, processor, sources and assets as they are now.
+
+    Of the processor as far as the compiler asks for it: where name and features are given, whatever runs is as good.
+    """
+    facts = [*settings.solver_command, platform.python_version(), os.environ.get(CACHE_VARIABLE, "")]
+    facts += [version(name) for name in COMPILERS]
+    facts += [os.environ.get(NAME_VARIABLE) or binding.get_host_cpu_name()]
+    facts += [os.environ.get(FEATURES_VARIABLE) or codegen.get_host_cpu_features()]
     return hashlib.sha256("\n".join([*facts, *_files()]).encode()).hexdigest()
 
 

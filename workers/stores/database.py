@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import sqlite3
 import time
@@ -231,22 +232,37 @@ def _open_file(data_dir: Path) -> Database:
 
 
 def _read_url(text: str) -> sa.URL:
-    """Return an address; in its password every character may stand for itself.
+    """Return an address; in its password every character may stand for itself, but %40 is an @.
 
     Raises:
         DatabaseUnusable: It is none of PostgreSQL.
     """
     scheme, _, rest = text.partition("://")
+    place, query = _without_query(rest)
     # The last @ ends the password, though RFC 3986 wants others, and / # : in it, to be written as %40 and the like.
-    who, at, where = rest.rpartition("@")
+    # What stands in a query ends none: there an @ is as good as any other character.
+    who, at, where = place.rpartition("@")
     user, colon, password = who.partition(":")
     try:
-        url = sa.make_url(f"{scheme}://{user}{colon}{quote(unquote(password), safe='')}{at}{where}")
+        url = sa.make_url(f"{scheme}://{user}{colon}{quote(unquote(password), safe='')}{at}{where}{query}")
     except (exc.ArgumentError, ValueError):
         url = None
     if url is None or url.get_backend_name() not in ("postgresql", "postgres"):
         raise DatabaseUnusable("database_url must be postgresql://USER:PASSWORD@HOST:PORT/DATABASE")
     return url
+
+
+def _without_query(text: str) -> tuple[str, str]:
+    """Return what of an address comes before its query, and the query with its ?.
+
+    A password may have a ? in it: a query begins with one before the name of something that libpq can be told.
+    """
+    # Who works on SQLite has it not.
+    from psycopg.pq import Conninfo
+
+    names = "|".join(re.escape(each.keyword.decode()) for each in Conninfo.get_defaults())
+    found = re.search(rf"\?({names})=", text)
+    return (text, "") if found is None else (text[: found.start()], text[found.start() :])
 
 
 def _with_timeouts(url: sa.URL, more: Mapping[str, str]) -> sa.URL:

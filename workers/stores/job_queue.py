@@ -356,9 +356,9 @@ class JobQueue:
         for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
             self._client.delete_workflow(workflow_id)
 
-    def depth(self, most: int) -> Depth:
-        """Return how many jobs wait and run, counted up to `most` each; an index answers without reading a job."""
-        counts = (self._count(self._jobs.c.status == status, most) for status in (ENQUEUED, DELAYED, RUNNING))
+    def depth(self, most: int, queue: str = QUEUE) -> Depth:
+        """Return how many jobs of a queue wait and run, up to `most` each; an index answers without reading a job."""
+        counts = (self._count(self._jobs.c.status == status, most, queue) for status in (ENQUEUED, DELAYED, RUNNING))
         return Depth(*self._database.rows(sa.select(*counts))[0])
 
     def due(self, transaction: sa.Connection) -> DueJobs:
@@ -550,8 +550,8 @@ class JobQueue:
         found = self._client.list_workflows(workflow_ids=list(plan_ids), load_input=False)
         return {each.workflow_id: INTERRUPTED_TOO_OFTEN if each.error is None else str(each.error) for each in found}
 
-    def _count(self, state: sa.ColumnElement[bool], most: int) -> sa.ScalarSelect[int]:
-        found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == QUEUE, state)
+    def _count(self, state: sa.ColumnElement[bool], most: int, queue: str = QUEUE) -> sa.ScalarSelect[int]:
+        found = sa.select(sa.literal(1)).select_from(self._jobs).where(self._jobs.c.queue_name == queue, state)
         return sa.select(sa.func.count()).select_from(found.limit(most).subquery()).scalar_subquery()
 
 
