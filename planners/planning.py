@@ -340,7 +340,8 @@ class _RemedySearch:
     def __init__(self, solver: TaskSolver, failed: Plan, uploads: Uploads, on_progress: Progress) -> None:
         self._solver, self._failed, self._task = solver, failed, failed.task
         self._fails_in_physics = failure_of(failed.simulation) is not None
-        self._cost = 6 if isinstance(failed.task, PlateLiftTask) else 4
+        # An object takes about a step: of a long pile fewer changes are tried, or the answer would take minutes.
+        self._cost = 6 if isinstance(failed.task, PlateLiftTask) else max(4, len(failed.task.objects))
         steps = MOST_STEPS
         if self._fails_in_physics:
             self._cost, steps = self._cost + STEPS_OF_SIMULATION, STEPS_WITH_PHYSICS

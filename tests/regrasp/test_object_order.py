@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
 from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.regrasp.pile import object_order
 from planners.regrasp.pile.object_order import ObjectOrder
+from planners.scene.rest import REST_GAP
 from planners.scene.tool_scene import build_tool_scene
 
 SIZE = [0.1, 0.06, 0.04]
@@ -69,3 +74,22 @@ def test_what_holds_another_up_is_put_aside_before_what_does_not() -> None:
     )
     assert order.next(frozenset({"near"})) == ()
     assert order.next_aside(frozenset())[0] == "top"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_far_off_is_left_out_and_nothing_that_rests_on_another(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(seed)
+
+    def towers(towards: float) -> list[list[float]]:
+        # Side by side without touching, and one on the other with gaps that still count as touching.
+        pitch = [side + REST_GAP for side in SIZE]
+        columns = [[0.3 + pitch[0] * i, towards * (0.15 + pitch[1] * j)] for i in range(2) for j in range(3)]
+        return [[*at, LOW + k * (SIZE[2] + 0.9 * REST_GAP)] for at in columns for k in range(int(rng.integers(0, 3)))]
+
+    starts, goals = towers(1.0), towers(-1.0)
+    places = {f"box_{i}": pair for i, pair in enumerate(zip(starts, goals, strict=False))}
+    found = order_of(**places)
+    monkeypatch.setattr(object_order, "_may_touch", lambda *_: True)
+    assert found == order_of(**places)

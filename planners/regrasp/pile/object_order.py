@@ -13,9 +13,12 @@ from planners.graph.rejections import Rejection
 from planners.regrasp.statics.resting import resting_points
 from planners.scene.clashes import PlacedBody, gap, placed_body
 from planners.scene.moved_object import MovedObject
+from planners.scene.rest import REST_GAP
 
 CONTACT = 1e-6
 """Bodies that are no farther apart touch: what rests on another does so to rounding [m]."""
+_NEAR = 2.0 * REST_GAP
+"""Bodies that are farther apart do not rest on one another [m]."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +45,13 @@ class ObjectOrder:
         goals = {each.name: _placed(each, each.T_world_goal) for each in objects}
         carried, lying, standing = ({name: set[str]() for name in distances} for _ in range(3))
         for one, other in permutations(objects, 2):
-            if _rests_on(other, other.T_world_goal, one, one.T_world_goal):
+            if _may_touch(goals[other.name], goals[one.name]) and _rests_on(
+                other, other.T_world_goal, one, one.T_world_goal
+            ):
                 carried[other.name].add(one.name)
-            if _rests_on(one, one.body.T_world_body, other, other.body.T_world_body):
+            if _may_touch(starts[one.name], starts[other.name]) and _rests_on(
+                one, one.body.T_world_body, other, other.body.T_world_body
+            ):
                 lying[other.name].add(one.name)
             if _overlap(goals[other.name], starts[one.name]):
                 standing[other.name].add(one.name)
@@ -101,6 +108,13 @@ def _frozen(sets: Mapping[str, set[str]]) -> dict[str, frozenset[str]]:
 
 def _placed(each: MovedObject, T_world_object: Transform) -> PlacedBody:
     return placed_body(each.body.collision_body(), T_world_object, None)
+
+
+def _may_touch(one: PlacedBody, other: PlacedBody) -> bool:
+    """Tell whether boxes around two bodies come near one another: where not, none rests on the other."""
+    low = np.maximum(one.lowest, other.lowest)
+    high = np.minimum(one.highest, other.highest)
+    return bool(np.all(low - high <= _NEAR))
 
 
 def _overlap(one: PlacedBody, other: PlacedBody) -> bool:
