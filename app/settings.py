@@ -28,6 +28,9 @@ class ServiceSettings(WorkerSettings):
     """So many connections each API process holds; half as many as it may open files at most [1]."""
     head_seconds: float = Field(default=10.0, gt=0.0)
     """A connection on which no whole head of a request has come for so long is closed [s]."""
+    write_seconds: float = Field(default=30.0, gt=0.0)
+    """A connection of which its client has taken nothing for so long, though there is something to send, is closed
+    [s]."""
     max_body_bytes: int = Field(default=2_000_000, ge=1000)
     """A larger body is refused [bytes]."""
     max_mesh_bytes: int = Field(default=20_000_000, ge=1000)

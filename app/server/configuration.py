@@ -21,14 +21,15 @@ def server_configuration(
 ) -> uvicorn.Config:
     """Return how a server answers with `app`; this process may open as many files as it may from now on."""
     most = connections_within(settings.max_connections, raise_file_limit())
+    http, websockets = guarded(ConnectionLimits(most, settings.head_seconds, settings.write_seconds))
     return uvicorn.Config(
         app,
         host=settings.host,
         port=settings.port,
         # The standard library's, which our handler of failed accepts knows.
         loop="asyncio",
-        http=guarded(ConnectionLimits(most, settings.head_seconds)),
-        ws="websockets-sansio",
+        http=http,
+        ws=websockets,
         ws_max_size=LARGEST_WATCHER_MESSAGE_BYTES,
         backlog=BACKLOG,
         # Its own would write text to stderr, whatever the logs of this process are.
