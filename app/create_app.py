@@ -27,6 +27,7 @@ from app.errors import install_error_handlers
 from app.middleware import HeadAsGet, OneLength, RequestLog
 from app.openapi import install_openapi
 from app.resources.cell_collection import CellCollection
+from app.resources.followers import Followers
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import POLL_SECONDS, PlanFeed
 from app.resources.recordings import Recordings
@@ -128,6 +129,8 @@ def create_app(settings: ServiceSettings, *, with_worker: bool, ask_for_keys: bo
             studies = StudyStore(database, store, queue)
             app.state.studies = StudyCollection(studies, queue, app.state.plans, settings)
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
+            most_followers = min(settings.max_followers, settings.max_connections // 2)
+            app.state.followers = Followers(most_followers, settings.max_followers_of_owner)
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database, ask_for_keys)
             folders = settings.data_dir / "drawings", settings.data_dir / "watched"
             watchers = WatcherRoom(settings.max_watchers, settings.max_watchers_of_owner)

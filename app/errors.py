@@ -328,6 +328,18 @@ class TooManyWatchers(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title
         super().__init__(f"{limit} {whose} already; close a viewer and try again")
 
 
+class TooManyFollowers(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many followers"):
+    """There are too many event streams, or too many of one owner's."""
+
+    headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
+
+    def __init__(self, limit: int, limit_of_owner: int) -> None:
+        super().__init__(
+            f"too many follow plans and studies already: {limit} may, {limit_of_owner} of one owner's, at each process "
+            "of the service; close a stream, or ask for the plan itself once in a while"
+        )
+
+
 class TooManyRecordings(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many recordings"):
     """Too many recordings wait to be made."""
 

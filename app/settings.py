@@ -61,6 +61,10 @@ class ServiceSettings(WorkerSettings):
     """So many viewers and editors are open at each API process, each with a scene of some 10 MB [1]."""
     max_watchers_of_owner: int = Field(default=8, ge=1)
     """So many of one owner's, where keys tell owners apart [1]."""
+    max_followers: int = Field(default=500, ge=1)
+    """So many event streams and `Prefer: wait` are open at each API process; half of `max_connections` at most [1]."""
+    max_followers_of_owner: int = Field(default=200, ge=1)
+    """So many of one owner's, where keys tell owners apart [1]."""
     max_lifts_kept: int = Field(default=2, ge=0, le=64)
     """For so many editors at each API process the graph of their lift is kept, in a process of some 300 MB each, by
     which it is told at once whether a change leaves a way [1]; 0: for none."""

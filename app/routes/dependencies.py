@@ -12,6 +12,7 @@ from starlette.requests import HTTPConnection
 from app.access.authenticator import Authenticator
 from app.access.caller import Caller
 from app.resources.cell_collection import CellCollection
+from app.resources.followers import Followers
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import PlanFeed
 from app.resources.scene_collection import SceneCollection
@@ -69,6 +70,11 @@ def feed_of(connection: HTTPConnection) -> PlanFeed:
     return connection.app.state.feed
 
 
+def followers_of(connection: HTTPConnection) -> Followers:
+    """Return the places of those who follow plans and studies."""
+    return connection.app.state.followers
+
+
 def _study_feed(connection: HTTPConnection) -> PlanFeed:
     return connection.app.state.study_feed
 
@@ -97,4 +103,5 @@ Intake = Annotated[Callable[[Any], AcceptedTask], Depends(_at_once(intake_of))]
 Authentication = Annotated[Authenticator, Depends(_at_once(_authenticator))]
 Feed = Annotated[PlanFeed, Depends(_at_once(feed_of))]
 StudyFeed = Annotated[PlanFeed, Depends(_at_once(_study_feed))]
+Following = Annotated[Followers, Depends(_at_once(followers_of))]
 Settings = Annotated[ServiceSettings, Depends(_at_once(settings_of))]

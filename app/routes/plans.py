@@ -13,10 +13,10 @@ from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import StreamingResponse
 
 from app.access.access_control import KEPT, address_of
 from app.errors import NoProgram
+from app.resources.followers import EventStream
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
 from app.resources.schemas import (
@@ -30,10 +30,14 @@ from app.resources.schemas import (
 from app.routes.cells import CellGate
 from app.routes.dependencies import (
     Cells,
+    CurrentCaller,
     Feed,
+    Following,
     Plans,
     Settings,
+    caller_of,
     feed_of,
+    followers_of,
     intake_of,
     plans_of,
     settings_of,
@@ -90,7 +94,9 @@ async def post_plan(
     warnings = warnings_of(sent())
     headers = {"Location": plan.links.self}
     if wait is not None:
-        await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
+        with followers_of(request).place(caller_of(request)) as admitted:
+            # A preference: without a place it is not followed, and the plan is accepted all the same.
+            await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds) if admitted else 0.0)
         plan = await run_in_threadpool(plans.plan, plan.id)
         if plan.done:
             answer = PostedPlan(**plan.model_dump(), warnings=warnings)
@@ -241,10 +247,16 @@ async def get_program(
         },
         204: {"description": "Everything was received already"},
         400: {**PROBLEM, "description": "A `Last-Event-ID` that no event of this stream has"},
+        429: {**PROBLEM, "description": "Too many event streams, or too many of yours"},
     },
 )
 async def get_events(
-    plan_id: str, plans: Plans, feed: Feed, last_event_id: Annotated[str | None, Header()] = None
+    plan_id: str,
+    plans: Plans,
+    feed: Feed,
+    caller: CurrentCaller,
+    followers: Following,
+    last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Follow a job from its first event, or from behind `Last-Event-ID`."""
     plan = await run_in_threadpool(plans.plan, plan_id)
@@ -252,11 +264,7 @@ async def get_events(
     received = read_event_id(last_event_id, sent + 1 if plan.done else sent)
     if received > sent:
         return Response(status_code=204)
-    return StreamingResponse(
-        stream_events(feed, plan_id, received, plans.plan),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store"},
-    )
+    return EventStream(stream_events(feed, plan_id, received, plans.plan), followers, caller)
 
 
 @router.post(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import uvicorn
 from starlette.types import ASGIApp
 
+from app.server.answer_headers import AnswerHeaders
 from app.server.connections import ConnectionLimits, connections_within, guarded, raise_file_limit
 from app.settings import ServiceSettings
 
@@ -23,7 +24,7 @@ def server_configuration(
     most = connections_within(settings.max_connections, raise_file_limit())
     http, websockets = guarded(ConnectionLimits(most, settings.head_seconds, settings.write_seconds))
     return uvicorn.Config(
-        app,
+        AnswerHeaders(app),
         host=settings.host,
         port=settings.port,
         # The standard library's, which our handler of failed accepts knows.

@@ -7,6 +7,7 @@ import resource
 import socket
 from dataclasses import dataclass
 from errno import EMFILE, ENFILE, ENOBUFS, ENOMEM
+from http import HTTPStatus
 from typing import Any
 
 import h11
@@ -16,6 +17,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import Server, ServerState
 
+from app.server.answer_headers import BROWSER_HEADERS
 from app.server.unsent import Unsent
 
 MOST_DESCRIPTORS = 65_536
@@ -190,6 +192,21 @@ class GuardedProtocol(H11Protocol):
         """Go on."""
         super().resume_writing()
         self.unsent.end()
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer what is no request of HTTP, and close."""
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
+            # In the middle of an answer to a request before it; another one would be read as its rest.
+            self.transport.close()
+            return
+        told = {"Content-Type": "text/plain; charset=utf-8", "Connection": "close", **BROWSER_HEADERS}
+        events = [
+            h11.Response(status_code=HTTPStatus.BAD_REQUEST, headers=list(told.items()), reason="Bad Request"),
+            h11.Data(data=msg.encode()),
+            h11.EndOfMessage(),
+        ]
+        self.transport.write(b"".join(self.conn.send(event) or b"" for event in events))
+        self.transport.close()
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
         """Hand the connection over."""
