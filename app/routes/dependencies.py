@@ -20,6 +20,7 @@ from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.settings import ServiceSettings
 from app.task_intake import AcceptedTask, accept_task
+from app.work.workbench import Workbench
 
 Dependency = TypeVar("Dependency")
 
@@ -79,6 +80,11 @@ def _study_feed(connection: HTTPConnection) -> PlanFeed:
     return connection.app.state.study_feed
 
 
+def bench_of(connection: HTTPConnection) -> Workbench:
+    """Return where what takes seconds is done."""
+    return connection.app.state.workbench
+
+
 def settings_of(connection: HTTPConnection) -> ServiceSettings:
     """Return the settings of the service."""
     return connection.app.state.settings
@@ -104,4 +110,5 @@ Authentication = Annotated[Authenticator, Depends(_at_once(_authenticator))]
 Feed = Annotated[PlanFeed, Depends(_at_once(feed_of))]
 StudyFeed = Annotated[PlanFeed, Depends(_at_once(_study_feed))]
 Following = Annotated[Followers, Depends(_at_once(followers_of))]
+Bench = Annotated[Workbench, Depends(_at_once(bench_of))]
 Settings = Annotated[ServiceSettings, Depends(_at_once(settings_of))]

@@ -9,7 +9,6 @@ from collections.abc import Callable, Coroutine
 from functools import cache, partial
 from typing import Annotated, Any
 
-from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
@@ -35,6 +34,7 @@ from app.routes.dependencies import (
     Following,
     Plans,
     Settings,
+    bench_of,
     caller_of,
     feed_of,
     followers_of,
@@ -45,6 +45,7 @@ from app.routes.dependencies import (
 )
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
+from app.work.wanted import Wanted, while_waited_for
 from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import TaskSpec
 from planners.program import NotExportable, ProgramTarget, write_program
@@ -208,6 +209,7 @@ def get_document(
     },
 )
 async def get_program(
+    request: Request,
     plan_id: str,
     plans: Plans,
     cells: Cells,
@@ -218,19 +220,20 @@ async def get_program(
     ),
 ) -> Response:
     """Return a certified plan as a program, certified once more; docs/robot.md says how to run it."""
+    bench = bench_of(request)
 
-    def program() -> bytes:
+    def program(wanted: Wanted) -> bytes:
         document = gzip.decompress(plans.document(plan_id).gzip)
         named, visible = plans.task(plan_id)["cell"], cells.with_deleted()
         if named not in visible:
             # An admin may have planned in somebody else's cell, whose files other keys of the plan's owner do not see.
             raise NoProgram("the plan is in a cell that belongs to somebody else")
         try:
-            return write_program(document, visible[named], target, handshake)
+            return bench.do(wanted, write_program, document, visible[named], target, handshake)
         except NotExportable as why:
             raise NoProgram(str(why)) from why
 
-    packed = await to_thread.run_sync(program, limiter=limits.worked)
+    packed = await while_waited_for(request, program, limits.worked)
     name = f'attachment; filename="{plan_id}.{target.value}.zip"'
     return Response(packed, media_type="application/zip", headers={"Content-Disposition": name})
 
