@@ -15,11 +15,11 @@ from typing import Any
 import structlog
 
 from app.errors import TooManyRecordings
-from app.work.wanted import NobodyWaits, Wanted
+from app.work.wanted import NobodyWaits, StillWanted
 from workers.stores.plan_store import StoredDocument
 
 _SUFFIX = ".html"
-Make = Callable[[StoredDocument, Wanted], str]
+Make = Callable[[StoredDocument, StillWanted], str]
 log = structlog.get_logger(__name__)
 
 
@@ -28,7 +28,7 @@ class _Making:
     """A recording that is being made, or waits for its turn."""
 
     task: asyncio.Task[bytes]
-    wanted: Wanted
+    wanted: StillWanted
     waiting: int = 0
     """So many requests wait for it."""
     begun: bool = False
@@ -78,7 +78,7 @@ class Recordings:
         if making is None:
             if len(self._making) > self._most_waiting:
                 raise TooManyRecordings(self._most_waiting)
-            wanted = Wanted()
+            wanted = StillWanted()
             making = self._making[name] = _Making(asyncio.create_task(self._made(name, document, wanted)), wanted)
             making.task.add_done_callback(_note_failure)
         gone = asyncio.create_task(left())
@@ -98,7 +98,7 @@ class Recordings:
                 if not making.begun:
                     making.task.cancel()
 
-    async def _made(self, name: str, document: StoredDocument, wanted: Wanted) -> bytes:
+    async def _made(self, name: str, document: StoredDocument, wanted: StillWanted) -> bytes:
         try:
             with wanted:
                 async with self._turn:

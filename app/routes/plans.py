@@ -31,7 +31,7 @@ from app.routes.dependencies import (
     Cells,
     CurrentCaller,
     Feed,
-    Following,
+    FollowerPlaces,
     Plans,
     Settings,
     bench_of,
@@ -45,7 +45,7 @@ from app.routes.dependencies import (
 )
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
-from app.work.wanted import Wanted, while_waited_for
+from app.work.wanted import StillWanted, while_waited_for
 from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import TaskSpec
 from planners.program import NotExportable, ProgramTarget, write_program
@@ -222,7 +222,7 @@ async def get_program(
     """Return a certified plan as a program, certified once more; docs/robot.md says how to run it."""
     bench = bench_of(request)
 
-    def program(wanted: Wanted) -> bytes:
+    def program(wanted: StillWanted) -> bytes:
         document = gzip.decompress(plans.document(plan_id).gzip)
         named, visible = plans.task(plan_id)["cell"], cells.with_deleted()
         if named not in visible:
@@ -258,7 +258,7 @@ async def get_events(
     plans: Plans,
     feed: Feed,
     caller: CurrentCaller,
-    followers: Following,
+    followers: FollowerPlaces,
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Follow a job from its first event, or from behind `Last-Event-ID`."""

@@ -12,7 +12,7 @@ from app.resources.schemas import PROBLEM, SceneList, SceneResource, scene_resou
 from app.routes.dependencies import Bench, Cells, Scenes, Settings
 from app.uploads.form import FORM
 from app.uploads.uploads import DESCRIPTION, UploadLimits, read_scan_form
-from app.work.wanted import Wanted, while_waited_for
+from app.work.wanted import StillWanted, while_waited_for
 from planners.perception.perceive import PARTS, perceive
 from workers.stores.scene_store import StoredScene
 
@@ -67,7 +67,7 @@ async def post_scene(
     async with limits.held:
         description, files = await read_scan_form(request, settings.max_scan_bytes, settings)
 
-        def perceived(wanted: Wanted) -> StoredScene:
+        def perceived(wanted: StillWanted) -> StoredScene:
             return scenes.perceive(description, files, cells, partial(bench.do, wanted, perceive))
 
         scene = await while_waited_for(request, perceived, limits.worked)

@@ -15,7 +15,7 @@ from app.resources.schemas import PROBLEM, PlanResource, StudyList, StudyResourc
 from app.routes.dependencies import (
     Cells,
     CurrentCaller,
-    Following,
+    FollowerPlaces,
     Settings,
     Studies,
     StudyFeed,
@@ -135,7 +135,7 @@ async def get_study_events(
     studies: Studies,
     feed: StudyFeed,
     caller: CurrentCaller,
-    followers: Following,
+    followers: FollowerPlaces,
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Follow a study from its first point, or from behind `Last-Event-ID`."""

@@ -36,7 +36,7 @@ from app.viewer.page import RecordedScene, describe_plan, recorded_page
 from app.viewer.perceived_scene import PerceivedDescription, SceneDrawing, describe_perceived
 from app.viewer.plan_scene import PlanScene
 from app.viewer.playback import Playback, SourceName
-from app.work.wanted import Wanted
+from app.work.wanted import StillWanted
 from app.work.workbench import Workbench
 from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
@@ -372,7 +372,7 @@ class SceneServers:
         server.open_perceived(document, points, cell, self._meshes)
         return describe_perceived(scene_id, document, points, cell.name)
 
-    def record(self, document: StoredDocument, wanted: Wanted) -> str:
+    def record(self, document: StoredDocument, wanted: StillWanted) -> str:
         """Return a page that plays a plan without any server, for as long as it is wanted. Blocks for some seconds.
 
         Raises:

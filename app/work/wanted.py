@@ -12,14 +12,14 @@ from typing import Self, TypeVar
 from anyio import CapacityLimiter, to_thread
 from starlette.requests import ClientDisconnect, Request
 
-Result = TypeVar("Result")
+Worked = TypeVar("Worked")
 
 
 class NobodyWaits(Exception):
     """Whoever asked for some work has gone."""
 
 
-class Wanted:
+class StillWanted:
     """Whether somebody still waits for some work: context manager around the wait.
 
     It is a pipe whose other end this process alone has: that is closed when nobody waits any more, and by the kernel
@@ -56,13 +56,13 @@ async def left(request: Request) -> None:
         pass
 
 
-async def while_waited_for(request: Request, work: Callable[[Wanted], Result], limiter: CapacityLimiter) -> Result:
+async def while_waited_for(request: Request, work: Callable[[StillWanted], Worked], limiter: CapacityLimiter) -> Worked:
     """Return what some work returns, done in a thread for as long as whoever has sent a request waits.
 
     Raises:
         ClientDisconnect: They have gone; nothing works any more.
     """
-    with Wanted() as wanted:
+    with StillWanted() as wanted:
         working = asyncio.ensure_future(to_thread.run_sync(work, wanted, limiter=limiter))
         gone = asyncio.create_task(left(request))
         try:

@@ -17,7 +17,7 @@ import structlog
 from app.errors import WorkDied, WorkTooLarge
 from app.work.process import CHUNK
 from app.work.protocol import LENGTH_BYTES, WorkAnswer, WorkDone, WorkFailed, WorkRefused, packed, unpacked
-from app.work.wanted import NobodyWaits, Wanted
+from app.work.wanted import NobodyWaits, StillWanted
 from workers.solver.pool import ONE_THREAD
 
 COMMAND = (sys.executable, "-m", "app.work.process")
@@ -45,7 +45,7 @@ class Workbench:
         self._works: socket.socket | None = None
 
     def do(
-        self, wanted: Wanted, function: Callable[Given, Made], *arguments: Given.args, **named: Given.kwargs
+        self, wanted: StillWanted, function: Callable[Given, Made], *arguments: Given.args, **named: Given.kwargs
     ) -> Made:
         """Return what a function of some module returns, for as long as it is wanted. Blocks.
 
@@ -84,7 +84,7 @@ class Workbench:
         with self._lock:
             self._end()
 
-    def _hand_over(self, module: str, job: socket.socket, wanted: Wanted) -> None:
+    def _hand_over(self, module: str, job: socket.socket, wanted: StillWanted) -> None:
         descriptors = [job.fileno(), wanted.descriptor]
         with self._lock:
             for works in (self._works, None):
@@ -120,7 +120,7 @@ class Workbench:
         self._works = self._forks = None
 
 
-def _send(stream: socket.socket, wanted: Wanted, content: bytes) -> None:
+def _send(stream: socket.socket, wanted: StillWanted, content: bytes) -> None:
     left = memoryview(content)
     while left:
         _wait(stream, wanted, select.POLLOUT)
@@ -129,7 +129,7 @@ def _send(stream: socket.socket, wanted: Wanted, content: bytes) -> None:
     stream.shutdown(socket.SHUT_WR)
 
 
-def _receive(stream: socket.socket, wanted: Wanted) -> WorkAnswer | None:
+def _receive(stream: socket.socket, wanted: StillWanted) -> WorkAnswer | None:
     """Return the whole answer; None: there is none."""
     came = bytearray()
     while True:
@@ -143,7 +143,7 @@ def _receive(stream: socket.socket, wanted: Wanted) -> WorkAnswer | None:
     return unpacked(came) if whole else None
 
 
-def _wait(stream: socket.socket, wanted: Wanted, event: int) -> None:
+def _wait(stream: socket.socket, wanted: StillWanted, event: int) -> None:
     poll = select.poll()
     poll.register(stream, event)
     # A hang-up is told unasked.

@@ -22,7 +22,7 @@ from app.access.key_store import KeyStore
 from app.resources.cell_collection import CellCollection
 from app.server.answer_headers import AnswerHeaders
 from app.settings import ServiceSettings
-from app.work.wanted import Wanted
+from app.work.wanted import StillWanted
 from app.work.workbench import Workbench
 from planners.perception.perceive import perceive
 from workers.stores.database import open_database
@@ -105,7 +105,7 @@ def sparing_repeats() -> Iterator[None]:
             cells[bundle.digest] = examined(self, bundle)
         return cells[bundle.digest]
 
-    def perceive_once(self: Workbench, wanted: Wanted, work: Any, *given: Any) -> Any:
+    def perceive_once(self: Workbench, wanted: StillWanted, work: Any, *given: Any) -> Any:
         if work is not perceive:
             return do(self, wanted, work, *given)
         scan, files, cell = given

@@ -17,7 +17,7 @@ import pytest
 from support.service import ROOT, wait_for
 
 from app.errors import WorkDied, WorkTooLarge
-from app.work.wanted import NobodyWaits, Wanted
+from app.work.wanted import NobodyWaits, StillWanted
 from app.work.workbench import Workbench, WorkError
 from planners.errors import SceneError
 from tests.support import works
@@ -28,10 +28,10 @@ SECOND = 1.0
 WAITING = """
 import sys
 from pathlib import Path
-from app.work.wanted import Wanted
+from app.work.wanted import StillWanted
 from app.work.workbench import Workbench
 from tests.support import works
-with Wanted() as wanted:
+with StillWanted() as wanted:
     Workbench(1 << 30).do(wanted, works.work_on, Path(sys.argv[1]))
 """
 
@@ -44,7 +44,7 @@ def bench() -> Iterator[Workbench]:
 
 
 def done(bench: Workbench, work: Callable[..., Any], *given: Any) -> Any:
-    with Wanted() as wanted:
+    with StillWanted() as wanted:
         return bench.do(wanted, work, *given)
 
 
@@ -114,7 +114,7 @@ def test_a_process_is_gone_as_soon_as_nobody_waits(bench: Workbench, tmp_path: P
         except NobodyWaits as nobody:
             outcome.append(nobody)
 
-    with Wanted() as wanted:
+    with StillWanted() as wanted:
         waiting = threading.Thread(target=wait)
         waiting.start()
         process = told_in(tmp_path / "told")
@@ -125,7 +125,7 @@ def test_a_process_is_gone_as_soon_as_nobody_waits(bench: Workbench, tmp_path: P
 
 
 def test_what_nobody_waits_for_is_not_begun(bench: Workbench, tmp_path: Path) -> None:
-    with Wanted() as wanted:
+    with StillWanted() as wanted:
         wanted.no_longer()
         with pytest.raises(NobodyWaits):
             bench.do(wanted, works.work_on, tmp_path / "told")
