@@ -18,9 +18,11 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
+from starlette.responses import PlainTextResponse
+from starlette.types import Receive, Scope, Send
 from structlog.testing import capture_logs
 from support.service import FAKE_SOLVER, ROOT, wait_for
-from support.serving import served
+from support.serving import answering, served
 
 from app.server.connections import AcceptFailures, connections_within
 from app.settings import ServiceSettings
@@ -135,6 +137,35 @@ def test_an_answer_of_which_little_is_taken_at_a_time_is_sent_to_its_end(tmp_pat
                 time.sleep(WRITE_SECONDS / 20)
             assert not is_aborted(connection)
         assert taken > SMALL_BUFFER
+
+
+UPGRADE = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n"
+)
+
+
+async def flood(scope: Scope, receive: Receive, send: Send) -> None:
+    """Send without end to whoever opens a websocket; answer others shortly."""
+    if scope["type"] != "websocket":
+        await PlainTextResponse("")(scope, receive, send)
+        return
+    await receive()
+    await send({"type": "websocket.accept"})
+    while True:
+        await send({"type": "websocket.send", "bytes": bytes(10**6)})
+
+
+@pytest.mark.parametrize("before", [b"", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+def test_a_websocket_of_which_nothing_is_taken_is_not_held_for_long(tmp_path: Path, before: bytes) -> None:
+    """Also one that was a connection of requests before."""
+    settings = ServiceSettings(data_dir=tmp_path, write_seconds=WRITE_SECONDS)
+    with answering(flood, settings) as address:
+        parts = urlsplit(address)
+        assert parts.hostname
+        assert parts.port
+        with small_reader((parts.hostname, parts.port), before + UPGRADE) as connection:
+            wait_for(lambda: is_aborted(connection), 10.0 * WRITE_SECONDS)
 
 
 @pytest.mark.parametrize("begun", [b"", b"GET /livez HTTP/1.1\r\nHost: localhost\r\n", b"GET"])
