@@ -44,8 +44,8 @@ class ServiceSettings(WorkerSettings):
     max_scans_held: int = Field(default=6, ge=1)
     """So many scans are received, held in memory or worked on at once; of others nothing is read yet [1]."""
     work_memory_mb: int = Field(default=2048, ge=512)
-    """So much memory a process may take for data that perceives one scan, makes one recording or writes one program
-    [MiB]; what needs more is refused."""
+    """So much memory a process may take for data that perceives one scan, makes one recording, writes one program or
+    looks at one cell [MiB]; what needs more is refused."""
     max_meshes_covered: int = Field(default=2, ge=1)
     """So many mesh files are read and covered with convex parts at once; others wait [1]."""
     max_meshes_held: int = Field(default=6, ge=1)

@@ -19,7 +19,8 @@ from support.scan_frames import shipped
 from support.service import finished, task, wait_for
 from support.serving import served
 
-from app.routes import scenes
+from app.resources.cell_collection import look_at, survey_shelf
+from app.routes import cells, scenes
 from app.settings import ServiceSettings
 from app.viewer import scene_servers
 from planners.cell.cell import load_cell
@@ -75,7 +76,7 @@ def test_a_scan_that_goes_wrong_is_answered_and_so_is_everybody_else_meanwhile(
     with ThreadPoolExecutor(1) as pool:
         posted = pool.submit(post, client)
         while not posted.done():
-            assert httpx.get(client.base_url.join("/livez"), timeout=2.0).status_code == 200
+            assert httpx.get(client.base_url.join("/livez"), timeout=10.0).status_code == 200
     answer = posted.result()
     assert (answer.status_code, answer.json()["title"]) == (status, title), answer.text
     monkeypatch.setattr(scenes, "perceive", perceive)
@@ -111,3 +112,17 @@ def test_a_recording_is_the_same_page_wherever_it_is_made(client: httpx.Client, 
     document = client.get(path.replace("recording.html", "document")).content
     here = scene_servers.recording_of_document(gzip.compress(document), load_cell("dual_ur3e_lift"), tmp_path / "here")
     assert client.get(path).text == here
+
+
+def test_a_cell_is_surveyed_in_a_process_of_its_own_and_once(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = "/v1/cells/dual_ur3e_lift/survey"
+    survey_shelf.cache_clear()
+    monkeypatch.setattr(cells, "look_at", works.die)
+    assert client.get(path).status_code == 503
+    monkeypatch.undo()
+    found = client.get(path)
+    assert found.json() == look_at(load_cell("dual_ur3e_lift")).figures().model_dump(mode="json")
+    monkeypatch.setattr(cells, "look_at", works.die)
+    assert client.get(path).json() == found.json()
