@@ -27,6 +27,7 @@ from app.errors import install_error_handlers
 from app.middleware import HeadAsGet, OneLength, RequestLog
 from app.openapi import install_openapi
 from app.resources.cell_collection import CellCollection
+from app.resources.followers import Followers
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import POLL_SECONDS, PlanFeed
 from app.resources.recordings import Recordings
@@ -54,6 +55,7 @@ from app.uploads.uploads import UploadLimits
 from app.viewer.editor.feasibility import OtherWays
 from app.viewer.page import recording_software
 from app.viewer.scene_servers import SceneServers, WatcherRoom
+from app.work.workbench import Workbench
 from planners.cell.cell import ShippedCells, load_cells
 from planners.contract.strict_json import parse_json
 from planners.errors import LiftwrightError
@@ -128,10 +130,14 @@ def create_app(settings: ServiceSettings, *, with_worker: bool, ask_for_keys: bo
             studies = StudyStore(database, store, queue)
             app.state.studies = StudyCollection(studies, queue, app.state.plans, settings)
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")
+            most_followers = min(settings.max_followers, settings.max_connections // 2)
+            app.state.followers = Followers(most_followers, settings.max_followers_of_owner)
             app.state.authenticator = await run_in_threadpool(_authenticator, settings, database, ask_for_keys)
+            bench = app.state.workbench = Workbench(settings.work_memory_mb * 2**20)
+            to_close.callback(bench.close)
             folders = settings.data_dir / "drawings", settings.data_dir / "watched"
             watchers = WatcherRoom(settings.max_watchers, settings.max_watchers_of_owner)
-            servers = app.state.scene_servers = SceneServers(app.state.cells.with_deleted(), *folders, watchers)
+            servers = app.state.scene_servers = SceneServers(app.state.cells.with_deleted(), *folders, watchers, bench)
             app.state.recordings = Recordings(
                 settings.data_dir / "recordings",
                 servers.record,

@@ -329,6 +329,18 @@ class TooManyWatchers(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title
         super().__init__(f"{limit} {whose} already; close a viewer and try again")
 
 
+class TooManyFollowers(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many followers"):
+    """There are too many event streams, or too many of one owner's."""
+
+    headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
+
+    def __init__(self, limit: int, limit_of_owner: int) -> None:
+        super().__init__(
+            f"too many follow plans and studies already: {limit} may, {limit_of_owner} of one owner's, at each process "
+            "of the service; close a stream, or ask for the plan itself once in a while"
+        )
+
+
 class TooManyRecordings(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title="Too many recordings"):
     """Too many recordings wait to be made."""
 
@@ -336,6 +348,25 @@ class TooManyRecordings(ServiceError, status=HTTPStatus.TOO_MANY_REQUESTS, title
 
     def __init__(self, limit: int) -> None:
         super().__init__(f"{limit} recordings wait to be made already, at this process of the service")
+
+
+class WorkTooLarge(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="It takes too much memory"):
+    """What was asked for takes more memory than it may."""
+
+    def __init__(self, memory_bytes: int) -> None:
+        super().__init__(f"this takes more memory than it may ({memory_bytes // 2**20} MiB, LIFTWRIGHT_WORK_MEMORY_MB)")
+
+
+class WorkDied(ServiceError, status=HTTPStatus.SERVICE_UNAVAILABLE, title="The work has ended without an answer"):
+    """A process that worked on what was asked for has ended."""
+
+    headers = {"Retry-After": "10"}  # noqa: RUF012 - read only
+
+    def __init__(self, memory_bytes: int) -> None:
+        super().__init__(
+            "the process that worked on this has ended without an answer: the machine is out of memory, or the work "
+            f"took more than it may ({memory_bytes // 2**20} MiB, LIFTWRIGHT_WORK_MEMORY_MB)"
+        )
 
 
 class CellNotDrawn(ServiceError, status=HTTPStatus.NOT_FOUND, title="No drawing"):

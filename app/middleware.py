@@ -1,42 +1,31 @@
-"""What all requests pass: HEAD wherever there is GET, headers for browsers, and the log with an id for each request.
+"""What all requests to the service pass: HEAD wherever there is GET, and the log.
 
 A request that could be read in two ways is refused here.
 """
 
 from __future__ import annotations
 
-import re
 import time
-import uuid
 
 import anyio
 import structlog
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.errors import TwoLengths, error_response
 from app.metrics import REQUEST_SECONDS
 
-HEADER = "X-Request-ID"
 UNKNOWN_ROUTE = "none"
 METHODS = frozenset({"CONNECT", "DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT", "TRACE"})
 OTHER_METHOD = "other"
 """Counts together what anybody may make up: each label is kept for as long as the process lives."""
 LONGEST_METHOD = 20
 """In the log [characters]."""
-BROWSER_HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'self'",
-    "X-Frame-Options": "SAMEORIGIN",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",
-}
-"""Of every answer that says nothing else: what is no page loads nothing, and no other site frames or guesses it."""
 LEFT = 499
 """Stands in logs and metrics where the client has gone before it was answered; it is never sent (nginx's word)."""
 PROBES = ("/livez", "/readyz", "/metrics")
 """Asked every few seconds: measured, and not logged while all is well."""
-_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 
 log = structlog.get_logger(__name__)
 
@@ -82,7 +71,7 @@ class HeadAsGet:
 
 
 class RequestLog:
-    """ASGI middleware. Takes the caller's request id, or makes one, and answers with it."""
+    """ASGI middleware: logs and measures each request."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -92,28 +81,21 @@ class RequestLog:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        given = Headers(scope=scope).get(HEADER, "")
-        request_id = given if _ID.fullmatch(given) else uuid.uuid4().hex
         begun, status = time.perf_counter(), None
 
-        async def send_with_id(message: Message) -> None:
+        async def send_noting(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                headers = MutableHeaders(scope=message)
-                headers[HEADER] = request_id
-                for name, value in BROWSER_HEADERS.items():
-                    headers.setdefault(name, value)
             await send(message)
 
-        with structlog.contextvars.bound_contextvars(request_id=request_id):
-            try:
-                await self._app(scope, receive, send_with_id)
-            except ClientDisconnect:
-                # Nobody is there to be answered, and nothing is wrong with us.
-                status = LEFT
-            finally:
-                _tell(scope, 500 if status is None else status, time.perf_counter() - begun)
+        try:
+            await self._app(scope, receive, send_noting)
+        except ClientDisconnect:
+            # Nobody is there to be answered, and nothing is wrong with us.
+            status = LEFT
+        finally:
+            _tell(scope, 500 if status is None else status, time.perf_counter() - begun)
 
 
 def _tell(scope: Scope, status: int, seconds: float) -> None:

@@ -28,6 +28,9 @@ class ServiceSettings(WorkerSettings):
     """So many connections each API process holds; half as many as it may open files at most [1]."""
     head_seconds: float = Field(default=10.0, gt=0.0)
     """A connection on which no whole head of a request has come for so long is closed [s]."""
+    write_seconds: float = Field(default=30.0, gt=0.0)
+    """A connection of which its client has taken nothing for so long, though there is something to send, is closed
+    [s]."""
     max_body_bytes: int = Field(default=2_000_000, ge=1000)
     """A larger body is refused [bytes]."""
     max_mesh_bytes: int = Field(default=20_000_000, ge=1000)
@@ -40,6 +43,9 @@ class ServiceSettings(WorkerSettings):
     """So many scans are worked on at once; others wait [1]."""
     max_scans_held: int = Field(default=6, ge=1)
     """So many scans are received, held in memory or worked on at once; of others nothing is read yet [1]."""
+    work_memory_mb: int = Field(default=2048, ge=512)
+    """So much memory a process may take for data that perceives one scan, makes one recording, writes one program or
+    looks at one cell [MiB]; what needs more is refused."""
     max_meshes_covered: int = Field(default=2, ge=1)
     """So many mesh files are read and covered with convex parts at once; others wait [1]."""
     max_meshes_held: int = Field(default=6, ge=1)
@@ -59,6 +65,10 @@ class ServiceSettings(WorkerSettings):
     max_watchers: int = Field(default=24, ge=1)
     """So many viewers and editors are open at each API process, each with a scene of some 10 MB [1]."""
     max_watchers_of_owner: int = Field(default=8, ge=1)
+    """So many of one owner's, where keys tell owners apart [1]."""
+    max_followers: int = Field(default=500, ge=1)
+    """So many event streams and `Prefer: wait` are open at each API process; half of `max_connections` at most [1]."""
+    max_followers_of_owner: int = Field(default=200, ge=1)
     """So many of one owner's, where keys tell owners apart [1]."""
     max_lifts_kept: int = Field(default=2, ge=0, le=64)
     """For so many editors at each API process the graph of their lift is kept, in a process of some 300 MB each, by

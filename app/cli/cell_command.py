@@ -13,7 +13,7 @@ from app.cli.output import BadInput, refuse
 from app.cli.service_client import ServiceClient, ServiceRefused
 from app.errors import ServiceError
 from app.pictures.survey_picture import draw_survey
-from app.resources.cell_collection import CellCollection
+from app.resources.cell_collection import CellCollection, look_at
 from app.resources.schemas import CellList, CellResource
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, load_cells
@@ -155,7 +155,7 @@ class LocalCells:
             BadInput: There is none of this name.
         """
         with _said_plainly():
-            found = self._cells.survey(name)
+            found = self._cells.survey(name, look_at)
         return found.figures(), lambda: draw_survey(found)
 
     def files(self, name: str) -> bytes:

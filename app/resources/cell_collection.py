@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 
 from app.access.caller import ANYBODY, Caller, Scope
@@ -15,10 +15,20 @@ from planners.survey.faults import check_cell
 from planners.survey.survey import CellSurvey, SurveyFigures
 from workers.stores.cell_store import CellStore, StoredCell
 
+LookAtCell = Callable[[Cell], CellSurvey]
+
+
+def look_at(cell: Cell) -> CellSurvey:
+    """Return what a cell can do, with everything that takes long."""
+    survey = CellSurvey.of(cell)
+    survey.figures()
+    return survey
+
 
 @lru_cache(maxsize=16)
-def _survey(cell: Cell) -> CellSurvey:
-    return CellSurvey.of(cell)
+def survey_shelf(cell: Cell) -> list[CellSurvey]:
+    """Return where the survey of a cell is put once it was made."""
+    return []
 
 
 class CellCollection(VersionedCells):
@@ -123,15 +133,19 @@ class CellCollection(VersionedCells):
         """
         return self._examined(bundle)[0]
 
-    def survey(self, name: str) -> CellSurvey:
-        """Look at a cell.
+    def survey(self, name: str, look: LookAtCell) -> CellSurvey:
+        """Return what was found in a cell, looked at as `look_at` does, if it was not before.
 
         Raises:
             CellNotFound: There is none.
         """
         if name not in self:
             raise CellNotFound(name)
-        return _survey(self[name])
+        cell = self[name]
+        place = survey_shelf(cell)
+        if not place:
+            place.append(look(cell))
+        return place[0]
 
     def files(self, cell_id: str) -> bytes:
         """Return all files of one of the caller's own cells, as a zip.

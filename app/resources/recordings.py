@@ -15,15 +15,12 @@ from typing import Any
 import structlog
 
 from app.errors import TooManyRecordings
+from app.work.wanted import NobodyWaits, StillWanted
 from workers.stores.plan_store import StoredDocument
 
 _SUFFIX = ".html"
-Make = Callable[[StoredDocument], str]
+Make = Callable[[StoredDocument, StillWanted], str]
 log = structlog.get_logger(__name__)
-
-
-class NobodyWaits(Exception):
-    """Whoever asked for a recording has gone."""
 
 
 @dataclass(eq=False)
@@ -31,6 +28,7 @@ class _Making:
     """A recording that is being made, or waits for its turn."""
 
     task: asyncio.Task[bytes]
+    wanted: StillWanted
     waiting: int = 0
     """So many requests wait for it."""
     begun: bool = False
@@ -47,7 +45,7 @@ class Recordings:
 
         Args:
             folder: where they are kept.
-            make: returns the page of a document; called in a thread, keeps a core busy for some seconds.
+            make: returns the page of a document, for as long as it is wanted; called in a thread, takes seconds.
             software: changes with whatever else makes a page another one.
             most_bytes: so much is kept, those used last [bytes]; 0: nothing.
             most_waiting: so many documents wait for the one that is being made; a further one is refused [1].
@@ -66,7 +64,7 @@ class Recordings:
 
         Args:
             document: of the plan.
-            left: returns once whoever asks has gone; what nobody waits for any more is not begun.
+            left: returns once whoever asks has gone; what nobody waits for any more is not made any further.
 
         Raises:
             TooManyRecordings: Too many wait already.
@@ -80,7 +78,8 @@ class Recordings:
         if making is None:
             if len(self._making) > self._most_waiting:
                 raise TooManyRecordings(self._most_waiting)
-            making = self._making[name] = _Making(asyncio.create_task(self._made(name, document)))
+            wanted = StillWanted()
+            making = self._making[name] = _Making(asyncio.create_task(self._made(name, document, wanted)), wanted)
             making.task.add_done_callback(_note_failure)
         gone = asyncio.create_task(left())
         making.waiting += 1
@@ -92,18 +91,21 @@ class Recordings:
         finally:
             making.waiting -= 1
             gone.cancel()
-            # A thread cannot be stopped: what is being made is made, and kept for whoever asks again.
-            if not making.waiting and not making.begun and not making.task.done():
+            if not making.waiting and not making.task.done():
+                # Whoever asks from now on has it made anew.
                 self._making.pop(name, None)
-                making.task.cancel()
+                making.wanted.no_longer()
+                if not making.begun:
+                    making.task.cancel()
 
-    async def _made(self, name: str, document: StoredDocument) -> bytes:
+    async def _made(self, name: str, document: StoredDocument, wanted: StillWanted) -> bytes:
         try:
-            async with self._turn:
-                self._making[name].begun = True
-                page = (await asyncio.to_thread(self._make, document)).encode()
-                await asyncio.to_thread(self._keep, name, page)
-                return page
+            with wanted:
+                async with self._turn:
+                    self._making[name].begun = True
+                    page = (await asyncio.to_thread(self._make, document, wanted)).encode()
+                    await asyncio.to_thread(self._keep, name, page)
+                    return page
         finally:
             if self._making.get(name) is not None and self._making[name].task is asyncio.current_task():
                 del self._making[name]
@@ -152,5 +154,5 @@ class Recordings:
 
 def _note_failure(task: asyncio.Task[bytes]) -> None:
     """Whoever waits raises it again; nobody may wait."""
-    if not task.cancelled() and (error := task.exception()) is not None:
+    if not task.cancelled() and (error := task.exception()) is not None and not isinstance(error, NobodyWaits):
         log.warning("recording not made", error=repr(error))

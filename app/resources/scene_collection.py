@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import SceneInUse, SceneNotFound
 from app.resources.queries import page_of
 from app.task_intake import VersionedCells
-from planners.contract.scan_spec import read_scan
+from planners.cell.cell import Cell
+from planners.contract.scan_spec import ScanSpec, read_scan
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_json import parse_json
 from planners.errors import SceneError
-from planners.perception.perceive import perceive
+from planners.perception.perceive import PerceivedScene
 from planners.perception.seen_points import SeenPoints
 from workers.software import describe_software
 from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
 from workers.stores.scene_store import SceneStore, StoredScene
 from workers.stores.tables import Position
+
+See = Callable[[ScanSpec, Mapping[str, bytes], Cell], PerceivedScene]
 
 
 class SceneCollection:
@@ -35,10 +38,16 @@ class SceneCollection:
         """Return what another caller sees."""
         return SceneCollection(self._store, self._plans, self._queue, caller)
 
-    def perceive(self, description: bytes, files: Mapping[str, bytes], cells: VersionedCells) -> StoredScene:
+    def perceive(self, description: bytes, files: Mapping[str, bytes], cells: VersionedCells, see: See) -> StoredScene:
         """Perceive a scan, or find the scene that the same scan of the same owner gave before.
 
         A scene names for good the version of its cell that it was perceived in.
+
+        Args:
+            description: of the scan, as it was sent.
+            files: of the scan, by their parts.
+            cells: that it may name.
+            see: perceives it; what it raises besides is not caught.
 
         Raises:
             NotJson, pydantic.ValidationError, SceneError, ScanRefused: What is wrong with it.
@@ -54,7 +63,7 @@ class SceneCollection:
             digest.update(f"{part} {len(files[part])} ".encode() + files[part])
         scene_id = digest.hexdigest()[:32]
         if self._store.get(scene_id) is None:
-            self._store.add(scene_id, perceive(scan, files, cells[scan.cell]), owner)
+            self._store.add(scene_id, see(scan, files, cells[scan.cell]), owner)
         else:
             self._store.touch(scene_id)
         return self.scene(scene_id)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 from anyio import to_thread
 from fastapi import APIRouter, Depends, Request, Response
 
 from app.pictures.survey_picture import draw_survey
+from app.resources.cell_collection import look_at
 from app.resources.schemas import PROBLEM, CellList, CellResource
-from app.routes.dependencies import Cells, Settings
+from app.routes.dependencies import Bench, Cells, Settings
 from app.uploads.form import FORM
 from app.uploads.uploads import CELL_TYPES, FIELD, UploadLimits, read_cell
+from app.work.wanted import StillWanted, while_waited_for
 from planners.cell.bundle import CellBundle
 from planners.survey.survey import SurveyFigures
 
@@ -112,9 +115,13 @@ def get_files(cell_id: str, cells: Cells) -> Response:
 
 
 @router.get("/cells/{cell_id}/survey", summary="What a cell can do", responses=NOT_FOUND)
-async def get_survey(cell_id: str, cells: Cells, limits: CellGate) -> SurveyFigures:
+async def get_survey(request: Request, cell_id: str, cells: Cells, bench: Bench, limits: CellGate) -> SurveyFigures:
     """Return where the hands of a cell reach and what they bear there, in figures."""
-    return await to_thread.run_sync(lambda: cells.survey(cell_id).figures(), limiter=limits.worked)
+
+    def figures(wanted: StillWanted) -> SurveyFigures:
+        return cells.survey(cell_id, partial(bench.do, wanted, look_at)).figures()
+
+    return await while_waited_for(request, figures, limits.worked)
 
 
 @router.get(
@@ -123,9 +130,13 @@ async def get_survey(cell_id: str, cells: Cells, limits: CellGate) -> SurveyFigu
     response_class=Response,
     responses={**NOT_FOUND, 200: {"content": {"image/png": {}}, "description": "Maps of the table, from above"}},
 )
-async def get_survey_picture(cell_id: str, cells: Cells, limits: CellGate) -> Response:
+async def get_survey_picture(request: Request, cell_id: str, cells: Cells, bench: Bench, limits: CellGate) -> Response:
     """Return maps of the table: which hand reaches where, what it may hold there, how large plates may be."""
-    picture = await to_thread.run_sync(lambda: draw_survey(cells.survey(cell_id)), limiter=limits.worked)
+
+    def drawn(wanted: StillWanted) -> bytes:
+        return draw_survey(cells.survey(cell_id, partial(bench.do, wanted, look_at)))
+
+    picture = await while_waited_for(request, drawn, limits.worked)
     return Response(picture, media_type="image/png", headers={"Cache-Control": "no-cache"})
 
 

@@ -12,6 +12,7 @@ from starlette.requests import HTTPConnection
 from app.access.authenticator import Authenticator
 from app.access.caller import Caller
 from app.resources.cell_collection import CellCollection
+from app.resources.followers import Followers
 from app.resources.plan_collection import PlanCollection
 from app.resources.plan_feed import PlanFeed
 from app.resources.scene_collection import SceneCollection
@@ -19,6 +20,7 @@ from app.resources.study_collection import StudyCollection
 from app.resources.webhook_collection import WebhookCollection
 from app.settings import ServiceSettings
 from app.task_intake import AcceptedTask, accept_task
+from app.work.workbench import Workbench
 
 Dependency = TypeVar("Dependency")
 
@@ -69,8 +71,18 @@ def feed_of(connection: HTTPConnection) -> PlanFeed:
     return connection.app.state.feed
 
 
+def followers_of(connection: HTTPConnection) -> Followers:
+    """Return the places of those who follow plans and studies."""
+    return connection.app.state.followers
+
+
 def _study_feed(connection: HTTPConnection) -> PlanFeed:
     return connection.app.state.study_feed
+
+
+def bench_of(connection: HTTPConnection) -> Workbench:
+    """Return where what takes seconds is done."""
+    return connection.app.state.workbench
 
 
 def settings_of(connection: HTTPConnection) -> ServiceSettings:
@@ -97,4 +109,6 @@ Intake = Annotated[Callable[[Any], AcceptedTask], Depends(_at_once(intake_of))]
 Authentication = Annotated[Authenticator, Depends(_at_once(_authenticator))]
 Feed = Annotated[PlanFeed, Depends(_at_once(feed_of))]
 StudyFeed = Annotated[PlanFeed, Depends(_at_once(_study_feed))]
+FollowerPlaces = Annotated[Followers, Depends(_at_once(followers_of))]
+Bench = Annotated[Workbench, Depends(_at_once(bench_of))]
 Settings = Annotated[ServiceSettings, Depends(_at_once(settings_of))]

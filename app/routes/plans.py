@@ -9,14 +9,13 @@ from collections.abc import Callable, Coroutine
 from functools import cache, partial
 from typing import Annotated, Any
 
-from anyio import to_thread
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import StreamingResponse
 
 from app.access.access_control import KEPT, address_of
 from app.errors import NoProgram
+from app.resources.followers import EventStream
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
 from app.resources.schemas import (
@@ -30,10 +29,15 @@ from app.resources.schemas import (
 from app.routes.cells import CellGate
 from app.routes.dependencies import (
     Cells,
+    CurrentCaller,
     Feed,
+    FollowerPlaces,
     Plans,
     Settings,
+    bench_of,
+    caller_of,
     feed_of,
+    followers_of,
     intake_of,
     plans_of,
     settings_of,
@@ -41,6 +45,7 @@ from app.routes.dependencies import (
 )
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.uploads.body import read_body
+from app.work.wanted import StillWanted, while_waited_for
 from planners.contract.strict_json import parse_json
 from planners.contract.task_spec import TaskSpec
 from planners.program import NotExportable, ProgramTarget, write_program
@@ -90,7 +95,9 @@ async def post_plan(
     warnings = warnings_of(sent())
     headers = {"Location": plan.links.self}
     if wait is not None:
-        await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds))
+        with followers_of(request).place(caller_of(request)) as admitted:
+            # A preference: without a place it is not followed, and the plan is accepted all the same.
+            await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds) if admitted else 0.0)
         plan = await run_in_threadpool(plans.plan, plan.id)
         if plan.done:
             answer = PostedPlan(**plan.model_dump(), warnings=warnings)
@@ -202,6 +209,7 @@ def get_document(
     },
 )
 async def get_program(
+    request: Request,
     plan_id: str,
     plans: Plans,
     cells: Cells,
@@ -212,19 +220,20 @@ async def get_program(
     ),
 ) -> Response:
     """Return a certified plan as a program, certified once more; docs/robot.md says how to run it."""
+    bench = bench_of(request)
 
-    def program() -> bytes:
+    def program(wanted: StillWanted) -> bytes:
         document = gzip.decompress(plans.document(plan_id).gzip)
         named, visible = plans.task(plan_id)["cell"], cells.with_deleted()
         if named not in visible:
             # An admin may have planned in somebody else's cell, whose files other keys of the plan's owner do not see.
             raise NoProgram("the plan is in a cell that belongs to somebody else")
         try:
-            return write_program(document, visible[named], target, handshake)
+            return bench.do(wanted, write_program, document, visible[named], target, handshake)
         except NotExportable as why:
             raise NoProgram(str(why)) from why
 
-    packed = await to_thread.run_sync(program, limiter=limits.worked)
+    packed = await while_waited_for(request, program, limits.worked)
     name = f'attachment; filename="{plan_id}.{target.value}.zip"'
     return Response(packed, media_type="application/zip", headers={"Content-Disposition": name})
 
@@ -241,10 +250,16 @@ async def get_program(
         },
         204: {"description": "Everything was received already"},
         400: {**PROBLEM, "description": "A `Last-Event-ID` that no event of this stream has"},
+        429: {**PROBLEM, "description": "Too many event streams, or too many of yours"},
     },
 )
 async def get_events(
-    plan_id: str, plans: Plans, feed: Feed, last_event_id: Annotated[str | None, Header()] = None
+    plan_id: str,
+    plans: Plans,
+    feed: Feed,
+    caller: CurrentCaller,
+    followers: FollowerPlaces,
+    last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Follow a job from its first event, or from behind `Last-Event-ID`."""
     plan = await run_in_threadpool(plans.plan, plan_id)
@@ -252,11 +267,7 @@ async def get_events(
     received = read_event_id(last_event_id, sent + 1 if plan.done else sent)
     if received > sent:
         return Response(status_code=204)
-    return StreamingResponse(
-        stream_events(feed, plan_id, received, plans.plan),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store"},
-    )
+    return EventStream(stream_events(feed, plan_id, received, plans.plan), followers, caller)
 
 
 @router.post(

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
-from anyio import to_thread
 from fastapi import APIRouter, Depends, Query, Request, Response
 
 from app.resources.queries import read_page_token, write_page_token
 from app.resources.schemas import PROBLEM, SceneList, SceneResource, scene_resource, scene_summary
-from app.routes.dependencies import Cells, Scenes, Settings
+from app.routes.dependencies import Bench, Cells, Scenes, Settings
 from app.uploads.form import FORM
 from app.uploads.uploads import DESCRIPTION, UploadLimits, read_scan_form
-from planners.perception.perceive import PARTS
+from app.work.wanted import StillWanted, while_waited_for
+from planners.perception.perceive import PARTS, perceive
+from workers.stores.scene_store import StoredScene
 
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such scene"}}
 BAD_TOKEN: dict[int | str, dict[str, Any]] = {400: {**PROBLEM, "description": "A token that is none of ours"}}
@@ -45,17 +47,30 @@ ScanLimits = Annotated[UploadLimits, Depends(_scan_limits)]
         400: {**PROBLEM, "description": "The part `scan` is not JSON"},
         413: {**PROBLEM, "description": "Too large"},
         415: {**PROBLEM, "description": "Not declared as a form"},
-        422: {**PROBLEM, "description": "Files that cannot be read or show no table, with the reason"},
+        422: {
+            **PROBLEM,
+            "description": "Files that cannot be read, show no table or take too much memory, with the reason",
+        },
     },
 )
 async def post_scene(
-    request: Request, response: Response, scenes: Scenes, cells: Cells, settings: Settings, limits: ScanLimits
+    request: Request,
+    response: Response,
+    scenes: Scenes,
+    cells: Cells,
+    settings: Settings,
+    bench: Bench,
+    limits: ScanLimits,
 ) -> SceneResource:
     """Find the tool and the objects in pictures, depth images or clouds. The same scan again gives the same scene."""
     # Whole scans are held in memory: only so many are let in, and of these only so many worked on.
     async with limits.held:
         description, files = await read_scan_form(request, settings.max_scan_bytes, settings)
-        scene = await to_thread.run_sync(scenes.perceive, description, files, cells, limiter=limits.worked)
+
+        def perceived(wanted: StillWanted) -> StoredScene:
+            return scenes.perceive(description, files, cells, partial(bench.do, wanted, perceive))
+
+        scene = await while_waited_for(request, perceived, limits.worked)
     resource = scene_resource(scene)
     response.headers["Location"] = resource.links.self
     return resource

@@ -6,13 +6,24 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Path, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import StreamingResponse
 
 from app.pictures.study_picture import draw_map
+from app.resources.followers import EventStream
 from app.resources.plan_feed import stream_events, wait_for_end
 from app.resources.queries import read_page_token, write_page_token
 from app.resources.schemas import PROBLEM, PlanResource, StudyList, StudyResource
-from app.routes.dependencies import Cells, Settings, Studies, StudyFeed, cells_of, scenes_of
+from app.routes.dependencies import (
+    Cells,
+    CurrentCaller,
+    FollowerPlaces,
+    Settings,
+    Studies,
+    StudyFeed,
+    caller_of,
+    cells_of,
+    followers_of,
+    scenes_of,
+)
 from app.routes.headers import KEY_PATTERN, read_event_id, read_idempotency_key, read_wait, unless_known
 from app.routes.plans import plan_response
 from app.task_intake import with_parts
@@ -68,7 +79,9 @@ async def post_study(
     study = await run_in_threadpool(submit)
     headers = {"Location": study.links.self}
     if wait is not None:
-        await wait_for_end(feed, study.id, min(wait, settings.max_wait_seconds))
+        with followers_of(request).place(caller_of(request)) as admitted:
+            # A preference: without a place it is not followed, and the study is accepted all the same.
+            await wait_for_end(feed, study.id, min(wait, settings.max_wait_seconds) if admitted else 0.0)
         study = await run_in_threadpool(studies.study, study.id)
         if study.done:
             return plan_response(study, 200, {**headers, "Preference-Applied": f"wait={wait}"})
@@ -114,10 +127,16 @@ def get_picture(study_id: str, studies: Studies) -> Response:
         200: {"content": {"text/event-stream": {}}, "description": "A `point` event for each, then one `finished`"},
         204: {"description": "Everything was received already"},
         400: {**PROBLEM, "description": "A `Last-Event-ID` that no event of this stream has"},
+        429: {**PROBLEM, "description": "Too many event streams, or too many of yours"},
     },
 )
 async def get_study_events(
-    study_id: str, studies: Studies, feed: StudyFeed, last_event_id: Annotated[str | None, Header()] = None
+    study_id: str,
+    studies: Studies,
+    feed: StudyFeed,
+    caller: CurrentCaller,
+    followers: FollowerPlaces,
+    last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
     """Follow a study from its first point, or from behind `Last-Event-ID`."""
     study = await run_in_threadpool(studies.study, study_id)
@@ -125,11 +144,7 @@ async def get_study_events(
     received = read_event_id(last_event_id, sent + 1 if study.done else sent)
     if received > sent:
         return Response(status_code=204)
-    return StreamingResponse(
-        stream_events(feed, study_id, received, studies.study),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store"},
-    )
+    return EventStream(stream_events(feed, study_id, received, studies.study), followers, caller)
 
 
 @router.post(

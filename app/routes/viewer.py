@@ -14,7 +14,7 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 
 from app.access.access_control import admit
-from app.resources.recordings import NobodyWaits, Recordings
+from app.resources.recordings import Recordings
 from app.resources.schemas import PROBLEM
 from app.routes.dependencies import Plans, Scenes, Studies, caller_of
 from app.routes.headers import unless_known
@@ -22,6 +22,7 @@ from app.routes.pages import PageResponse
 from app.viewer.page import LIVE_FILES, MEDIA_TYPES, compare_page, live_page, static_text
 from app.viewer.scene_servers import SceneServers
 from app.viewer.watch import POLICY_VIOLATION, TRY_AGAIN_LATER, Visible, relay_scene, watch
+from app.work.wanted import NobodyWaits, left
 
 DRAWN_POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; connect-src 'self' ws: wss: data: blob:; "
@@ -37,12 +38,6 @@ def _scene_servers(request: Request) -> SceneServers:
 
 def _recordings(request: Request) -> Recordings:
     return request.app.state.recordings
-
-
-async def _left(request: Request) -> None:
-    """Return once whoever has sent a request is gone."""
-    while (await request.receive())["type"] != "http.disconnect":
-        pass
 
 
 @router.get(
@@ -109,7 +104,7 @@ async def get_recording(
     if known.status_code == HTTPStatus.NOT_MODIFIED:
         return known
     try:
-        page = await recordings.get(document, partial(_left, request))
+        page = await recordings.get(document, partial(left, request))
     except NobodyWaits:
         raise ClientDisconnect from None
     return HTMLResponse(page, headers=headers)

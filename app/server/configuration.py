@@ -5,6 +5,7 @@ from __future__ import annotations
 import uvicorn
 from starlette.types import ASGIApp
 
+from app.server.answer_headers import AnswerHeaders
 from app.server.connections import ConnectionLimits, connections_within, guarded, raise_file_limit
 from app.settings import ServiceSettings
 
@@ -21,14 +22,15 @@ def server_configuration(
 ) -> uvicorn.Config:
     """Return how a server answers with `app`; this process may open as many files as it may from now on."""
     most = connections_within(settings.max_connections, raise_file_limit())
+    http, websockets = guarded(ConnectionLimits(most, settings.head_seconds, settings.write_seconds))
     return uvicorn.Config(
-        app,
+        AnswerHeaders(app),
         host=settings.host,
         port=settings.port,
         # The standard library's, which our handler of failed accepts knows.
         loop="asyncio",
-        http=guarded(ConnectionLimits(most, settings.head_seconds)),
-        ws="websockets-sansio",
+        http=http,
+        ws=websockets,
         ws_max_size=LARGEST_WATCHER_MESSAGE_BYTES,
         backlog=BACKLOG,
         # Its own would write text to stderr, whatever the logs of this process are.

@@ -1,4 +1,4 @@
-"""Connections as they come in: no more than the process can hold, and none that says nothing for long."""
+"""Connections as they come in: no more than the process can hold, and none that says or takes nothing for long."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ import resource
 import socket
 from dataclasses import dataclass
 from errno import EMFILE, ENFILE, ENOBUFS, ENOMEM
+from http import HTTPStatus
 from typing import Any
 
 import h11
 import structlog
 from uvicorn.config import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import Server, ServerState
+
+from app.server.answer_headers import BROWSER_HEADERS
+from app.server.unsent import Unsent
 
 MOST_DESCRIPTORS = 65_536
 """No more file descriptors are asked for: some programs that are started look at each that there could be [1]."""
@@ -48,6 +53,8 @@ class ConnectionLimits:
     """So many at once [1]."""
     head_seconds: float
     """So long the head of a request may take to come [s]."""
+    write_seconds: float
+    """So long a client may take nothing of what is to be sent to it [s]."""
 
 
 def raise_file_limit() -> int:
@@ -65,25 +72,59 @@ def connections_within(most: int, descriptors: int) -> int:
     return max(FEWEST_CONNECTIONS, min(most, descriptors // DESCRIPTORS_EACH))
 
 
-def guarded(limits: ConnectionLimits) -> type[asyncio.Protocol]:
-    """Return the protocol of one server, whose connections are counted together."""
+def guarded(limits: ConnectionLimits) -> tuple[type[asyncio.Protocol], type[asyncio.Protocol]]:
+    """Return the protocols of one server, for HTTP and for websockets; its connections are counted together."""
 
     class Guarded(GuardedProtocol):
         pass
 
+    class GuardedSocket(GuardedWebSocket):
+        pass
+
     Guarded.limits, Guarded.refused = limits, Occasional("too many connections: the new one is closed")
-    return Guarded
+    GuardedSocket.limits = limits
+    return Guarded, GuardedSocket
+
+
+class GuardedWebSocket(WebSocketsSansIOProtocol):
+    """A websocket that is closed when its client takes nothing of it for long."""
+
+    limits: ConnectionLimits
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take over a connection on which answers may still have to be sent."""
+        super().connection_made(transport)
+        self.unsent = Unsent(transport, self.loop, self.limits.write_seconds)
+        if transport.get_write_buffer_size():
+            self.pause_writing()
+
+    def pause_writing(self) -> None:
+        """Wait for the client."""
+        super().pause_writing()
+        self.unsent.begin()
+
+    def resume_writing(self) -> None:
+        """Go on."""
+        super().resume_writing()
+        self.unsent.end()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
+        self.unsent.end()
+        super().connection_lost(exc)
 
 
 class GuardedProtocol(H11Protocol):
     """HTTP/1.1 on one connection that may have to make room for another.
 
-    Where there are too many, the one that has waited longest for a request of its client's goes, so that whoever holds
-    connections open keeps nobody out; a new one is refused only while all others are being answered.
+    Where there are too many, the one whose client has been waited for longest goes, be it for a request, for the body
+    of one or to take an answer, so that whoever holds connections open keeps nobody out; a new one is refused only
+    while all others are being answered.
     """
 
     limits: ConnectionLimits
     refused: Occasional
+    unsent: Unsent
 
     def __init__(
         self,
@@ -94,32 +135,43 @@ class GuardedProtocol(H11Protocol):
     ) -> None:
         super().__init__(config, server_state, app_state, _loop)
         self._head_timer: asyncio.TimerHandle | None = None
-        self._quiet_since = self.loop.time()
+        self._quiet_since = self._heard_at = self.loop.time()
 
     @property
-    def quiet(self) -> bool:
-        """Whether no request is being answered."""
-        return self.cycle is None or self.cycle.response_complete
+    def waits_since(self) -> float | None:
+        """Since when its client is waited for, by the clock of the loop; None: what comes next is ours to do [s]."""
+        if self.unsent.since is not None:
+            return self.unsent.since
+        if self.cycle is None or self.cycle.response_complete:
+            return self._quiet_since
+        # Where we do not read, or have not said that we will, it is we who are waited for.
+        ours = self.flow.read_paused or self.cycle.waiting_for_100_continue
+        return self._heard_at if self.cycle.more_body and not ours else None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a connection, and make room for it if there are too many."""
         super().connection_made(transport)
+        self.unsent = Unsent(transport, self.loop, self.limits.write_seconds)
         self._await_head()
-        if len(self.connections) <= self.limits.most:
+        if len(self.connections) > self.limits.most:
+            self._make_room()
+
+    def _make_room(self) -> None:
+        # What is closed and still has something to send takes a place as well.
+        there = [each for each in self.connections if not _is_gone(each)]
+        if len(there) <= self.limits.most:
             return
-        waiting = [
-            each
-            for each in self.connections
-            if isinstance(each, GuardedProtocol) and each is not self and each.quiet and not each.transport.is_closing()
-        ]
+        guarded_ones = [each for each in there if isinstance(each, GuardedProtocol) and each is not self]
+        waiting = [(since, each) for each in guarded_ones if (since := each.waits_since) is not None]
         if waiting:
-            min(waiting, key=lambda each: each._quiet_since).transport.abort()
-        elif sum(not each.transport.is_closing() for each in self.connections) > self.limits.most:
+            min(waiting, key=lambda pair: pair[0])[1].unsent.abort()
+        else:
             self.refused.happened(self.loop.time(), most=self.limits.most)
-            transport.abort()
+            self.unsent.abort()
 
     def data_received(self, data: bytes) -> None:
         """Take what has come; whoever has begun a request is to finish its head soon."""
+        self._heard_at = self.loop.time()
         super().data_received(data)
         if self.conn.their_state is not h11.IDLE:
             self._stop_head_timer()
@@ -131,9 +183,40 @@ class GuardedProtocol(H11Protocol):
         self._quiet_since = self.loop.time()
         super().on_response_complete()
 
+    def pause_writing(self) -> None:
+        """Wait for the client."""
+        super().pause_writing()
+        self.unsent.begin()
+
+    def resume_writing(self) -> None:
+        """Go on."""
+        super().resume_writing()
+        self.unsent.end()
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer what is no request of HTTP, and close."""
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
+            # In the middle of an answer to a request before it; another one would be read as its rest.
+            self.transport.close()
+            return
+        told = {"Content-Type": "text/plain; charset=utf-8", "Connection": "close", **BROWSER_HEADERS}
+        events = [
+            h11.Response(status_code=HTTPStatus.BAD_REQUEST, headers=list(told.items()), reason="Bad Request"),
+            h11.Data(data=msg.encode()),
+            h11.EndOfMessage(),
+        ]
+        self.transport.write(b"".join(self.conn.send(event) or b"" for event in events))
+        self.transport.close()
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        """Hand the connection over."""
+        self.unsent.end()
+        super().handle_websocket_upgrade(event)
+
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""
         self._stop_head_timer()
+        self.unsent.end()
         super().connection_lost(exc)
 
     def _await_head(self) -> None:
@@ -143,6 +226,11 @@ class GuardedProtocol(H11Protocol):
         if self._head_timer is not None:
             self._head_timer.cancel()
             self._head_timer = None
+
+
+def _is_gone(connection: asyncio.Protocol) -> bool:
+    """Tell whether a connection of a server takes no place any more."""
+    return isinstance(connection, GuardedProtocol | GuardedWebSocket) and connection.unsent.gone
 
 
 class GuardedServer(Server):

@@ -36,6 +36,8 @@ from app.viewer.page import RecordedScene, describe_plan, recorded_page
 from app.viewer.perceived_scene import PerceivedDescription, SceneDrawing, describe_perceived
 from app.viewer.plan_scene import PlanScene
 from app.viewer.playback import Playback, SourceName
+from app.work.wanted import StillWanted
+from app.work.workbench import Workbench
 from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
 from planners.geometry.pose import Array
@@ -246,11 +248,26 @@ def recording_of(playback: Playback, cell: Cell, meshes: LinkMeshes) -> str:
     return recorded_page(describe_plan(playback.plan, playback.executed), scene)
 
 
+def recording_of_document(packed: bytes, cell: Cell, drawings: Path) -> str:
+    """Return a page that plays the plan of a compressed document, with drawings that are kept in a folder."""
+    return recording_of(Playback(Plan.read(gzip.decompress(packed))), cell, LinkMeshes(drawings))
+
+
 class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
-    def __init__(self, cells: CellCollection, folder: Path, addresses: Path, room: WatcherRoom) -> None:
-        """Take the cells, where drawings of their robots are kept, and where all processes of a service find scenes."""
+    def __init__(
+        self, cells: CellCollection, folder: Path, addresses: Path, room: WatcherRoom, bench: Workbench
+    ) -> None:
+        """Take the cells, and where recordings are made.
+
+        Args:
+            cells: of all who watch.
+            folder: where drawings of their robots are kept.
+            addresses: where all processes of a service find scenes.
+            room: for watchers.
+            bench: where recordings are made.
+        """
         self.cells = cells
         """Everybody's by their ids: whoever sees a plan sees its cell."""
         addresses.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -259,6 +276,7 @@ class SceneServers:
             # Of a process that was killed.
             if self.address(left.name) is None:
                 left.unlink(missing_ok=True)
+        self._drawings, self._bench = folder, bench
         self._meshes = LinkMeshes(folder)
         self._servers: dict[str, SceneServer] = {}
         self._room = room
@@ -354,14 +372,16 @@ class SceneServers:
         server.open_perceived(document, points, cell, self._meshes)
         return describe_perceived(scene_id, document, points, cell.name)
 
-    def record(self, document: StoredDocument) -> str:
-        """Return a page that plays a plan without any server. Blocks for some seconds.
+    def record(self, document: StoredDocument, wanted: StillWanted) -> str:
+        """Return a page that plays a plan without any server, for as long as it is wanted. Blocks for some seconds.
 
         Raises:
             CellNotDrawn: There are no drawings of its cell.
+            NobodyWaits: It is wanted no longer.
+            WorkTooLarge, WorkDied: It took too much memory.
         """
-        playback, cell = self._playback(_plan_of(document))
-        return recording_of(playback, cell, self._meshes)
+        cell = _cell_in(self.cells, _plan_of(document).task.cell)
+        return self._bench.do(wanted, recording_of_document, document.gzip, cell, self._drawings)
 
     async def close(self) -> None:
         """Close all servers."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
 import pytest
 import viser
-from support.service import FAKE_SOLVER, wait_for
+from support.service import FAKE_SOLVER, task, wait_for
 from support.serving import served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -100,6 +101,34 @@ def is_refused(address: str, key: str) -> bool:
             return json.loads(page.recv(timeout=20))["type"] != "scene"
         except ConnectionClosed:
             return True
+
+
+def test_one_owner_does_not_follow_without_end_and_who_would_wait_is_answered_at_once(tmp_path: Path) -> None:
+    settings = settings_in(tmp_path, max_followers=3, max_followers_of_owner=2)
+    keys = {owner: issue_key(settings, owner, Scope.WRITE, None) for owner in ("mes", "other", "third")}
+    with served(settings, with_worker=False) as address, ExitStack() as followed:
+
+        def client(owner: str) -> httpx.Client:
+            headers = {"Authorization": f"Bearer {keys[owner]}"}
+            return followed.enter_context(httpx.Client(base_url=address, headers=headers, timeout=20.0))
+
+        plans = {owner: client(owner).post("/v1/plans", json=task()).json()["links"]["events"] for owner in keys}
+
+        def follow(owner: str) -> httpx.Response:
+            return followed.enter_context(client(owner).stream("GET", plans[owner]))
+
+        mine = [follow("mes") for _ in range(3)]
+        assert [each.status_code for each in mine] == [200, 200, 429]
+        assert mine[-1].headers["Content-Type"] == "application/problem+json"
+        assert int(mine[-1].headers["Retry-After"]) > 0
+        begun = time.monotonic()
+        answer = client("mes").post("/v1/plans", json=task(), headers={"Prefer": "wait=15"})
+        assert answer.status_code == 202
+        assert time.monotonic() - begun < 10.0
+        # One owner leaves room for another, but all together do not take every place.
+        assert [follow(owner).status_code for owner in ("other", "third")] == [200, 429]
+        mine[0].close()
+        wait_for(lambda: follow("mes").status_code == 200, 10.0)
 
 
 def test_without_keys_the_service_answers_to_its_own_machine_alone(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
+from app.resources.plan_collection import PlanCollection
 from app.settings import ServiceSettings
 
 ELSEWHERE = "203.0.113.9"
@@ -55,7 +56,29 @@ def test_wrong_keys_are_counted_by_where_they_come_from_and_not_by_where_they_sa
 )  # fmt: skip
 def test_no_other_site_frames_or_guesses_any_answer(service: GuardedService, path: str) -> None:
     with service.client("admin") as client:
-        headers = client.get(path).headers
+        assert_neither_framed_nor_guessed(client.get(path))
+
+
+def test_nor_what_is_answered_where_nothing_else_is(service: GuardedService, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error of ours, and what is no request."""
+
+    def broken(*_: object) -> None:
+        raise ValueError("out of order")
+
+    monkeypatch.setattr(PlanCollection, "page", broken)
+    with service.client("admin") as client:
+        answer = client.get("/v1/plans", headers={"X-Request-ID": "order-7"})
+    assert answer.status_code == 500
+    assert answer.headers["X-Request-ID"] == "order-7"
+    assert_neither_framed_nor_guessed(answer)
+    head, _, body = sent(service, b"no request\r\n\r\n").decode().partition("\r\n\r\n")
+    status, *lines = head.split("\r\n")
+    assert status.startswith("HTTP/1.1 400 ")
+    assert_neither_framed_nor_guessed(httpx.Response(400, headers=[line.split(": ", 1) for line in lines], text=body))
+
+
+def assert_neither_framed_nor_guessed(answer: httpx.Response) -> None:
+    headers = answer.headers
     assert "frame-ancestors 'self'" in headers["Content-Security-Policy"]
     assert headers["X-Frame-Options"] == "SAMEORIGIN"
     assert headers["X-Content-Type-Options"] == "nosniff"

@@ -19,6 +19,8 @@ from app import create_app as create_app_module
 from app.create_app import create_app
 from app.resources.plan_feed import PlanFeed
 from app.serve import LoadedWhileServing
+from app.server.answer_headers import BROWSER_HEADERS, REQUEST_ID
+from app.server.configuration import server_configuration
 from app.settings import ServiceSettings
 from planners.errors import AssetError, LiftwrightError
 from workers.engine import supervisor, worker
@@ -75,8 +77,7 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
 def loading(load: Callable[[Callable[[str], None]], Any]) -> Iterator[tuple[httpx.Client, LoadedWhileServing]]:
     """Serve what is still loaded, in a thread of the test."""
     service = LoadedWhileServing(load)
-    config = uvicorn.Config(service, port=0, http="h11", log_level="warning", timeout_graceful_shutdown=1)
-    server = uvicorn.Server(config)
+    server = uvicorn.Server(server_configuration(service, ServiceSettings(port=0), goodbye_seconds=1))
     service.on_failure = lambda: setattr(server, "should_exit", True)
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -105,6 +106,7 @@ def test_while_it_loads_a_service_lives_is_not_ready_and_says_what_is_waited_for
         for method, path in (("GET", "/readyz"), ("GET", "/v1/plans"), ("POST", "/v1/plans"), ("GET", "/viewer/")):
             answer = client.request(method, path)
             assert (answer.status_code, answer.headers["content-type"]) == (503, "application/problem+json")
+            assert all(name in answer.headers for name in (REQUEST_ID, *BROWSER_HEADERS))
             assert "Retry-After" in answer.headers
         page = client.get("/viewer/", headers={"Accept": "text/html,*/*;q=0.8"})
         assert (page.status_code, page.headers["content-type"]) == (503, "text/html; charset=utf-8")

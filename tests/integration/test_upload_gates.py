@@ -68,7 +68,7 @@ class SlowStore:
 def service(store: SlowStore) -> FastAPI:
     asgi = FastAPI()
     asgi.state.settings = ServiceSettings()
-    asgi.state.meshes, asgi.state.cells = store, {}
+    asgi.state.workbench, asgi.state.meshes, asgi.state.cells = None, store, {}
     for part in (dependencies.Scenes, dependencies.Cells):
         asgi.dependency_overrides[get_args(part)[1].dependency] = lambda: None
     asgi.state.mesh_limits = asgi.state.scan_limits = UploadLimits(HELD, WORKED)

@@ -19,9 +19,12 @@ from fastapi import FastAPI
 import app.create_app as creation
 from app.access import authenticator
 from app.access.key_store import KeyStore
-from app.resources import scene_collection
 from app.resources.cell_collection import CellCollection
+from app.server.answer_headers import AnswerHeaders
 from app.settings import ServiceSettings
+from app.work.wanted import StillWanted
+from app.work.workbench import Workbench
+from planners.perception.perceive import perceive
 from workers.stores.database import open_database
 
 
@@ -73,7 +76,7 @@ class OwnService:
         self._runner = asyncio.Runner()
         self._life = self._app.router.lifespan_context(self._app)
         self._runner.run(_awaited(self._life.__aenter__))
-        transport = httpx.ASGITransport(self._app, raise_app_exceptions=False)
+        transport = httpx.ASGITransport(AnswerHeaders(self._app), raise_app_exceptions=False)
         self._client = httpx.AsyncClient(transport=transport, base_url="http://localhost", timeout=60.0)
 
     def _stop(self) -> None:
@@ -93,7 +96,7 @@ def sparing_repeats() -> Iterator[None]:
     What is loaded ahead in each life is loaded when it is first wanted. A key that was revoked may open the service for
     a second more; here that second is none.
     """
-    examined, perceived = CellCollection._examined, scene_collection.perceive
+    examined, do = CellCollection._examined, Workbench.do
     cells: dict[str, Any] = {}
     scenes: dict[tuple[str, ...], Any] = {}
 
@@ -102,10 +105,13 @@ def sparing_repeats() -> Iterator[None]:
             cells[bundle.digest] = examined(self, bundle)
         return cells[bundle.digest]
 
-    def perceive(scan: Any, files: Any, cell: Any) -> Any:
+    def perceive_once(self: Workbench, wanted: StillWanted, work: Any, *given: Any) -> Any:
+        if work is not perceive:
+            return do(self, wanted, work, *given)
+        scan, files, cell = given
         shown = (scan.model_dump_json(), *(f"{name} {hash(files[name])}" for name in sorted(files)))
         if shown not in scenes:
-            scenes[shown] = perceived(scan, files, cell)
+            scenes[shown] = perceive(scan, files, cell)
         return scenes[shown]
 
     silent = structlog.make_filtering_bound_logger(logging.CRITICAL)
@@ -114,7 +120,7 @@ def sparing_repeats() -> Iterator[None]:
     try:
         with (
             mock.patch.object(CellCollection, "_examined", examine),
-            mock.patch.object(scene_collection, "perceive", perceive),
+            mock.patch.object(Workbench, "do", perceive_once),
             mock.patch.object(creation, "_load_ahead"),
             mock.patch.object(authenticator, "TRUSTED_SECONDS", 0.0),
         ):

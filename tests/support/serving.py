@@ -8,6 +8,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from starlette.types import ASGIApp
+
 from app.create_app import create_app
 from app.server.configuration import server_configuration
 from app.server.connections import GuardedServer
@@ -20,7 +22,13 @@ def served(settings: ServiceSettings, *, with_worker: bool = True) -> Iterator[s
 
     Not for longer than needed: the job engine draws random numbers, which tests of properties must not see.
     """
-    app = create_app(settings, with_worker=with_worker)
+    with answering(create_app(settings, with_worker=with_worker), settings) as address:
+        yield address
+
+
+@contextmanager
+def answering(app: ASGIApp, settings: ServiceSettings) -> Iterator[str]:
+    """Answer with an application on a free port for as long as the context is open, and yield the address."""
     config = server_configuration(app, settings.model_copy(update={"port": 0}), goodbye_seconds=1)
     server = GuardedServer(config)
     thread = threading.Thread(target=server.run)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import re
+import select
 import threading
+import time
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,9 +18,10 @@ from support.service import FAKE_SOLVER, finished, task, wait_for
 from support.serving import served
 
 from app.errors import TooManyRecordings
-from app.resources.recordings import NobodyWaits, Recordings
+from app.resources.recordings import Recordings
 from app.settings import ServiceSettings
 from app.viewer.scene_servers import SceneServers
+from app.work.wanted import NobodyWaits, StillWanted
 from workers.stores.plan_store import StoredDocument
 
 WAITING = 3
@@ -35,9 +39,15 @@ class Maker:
         self.begun = threading.Event()
         self.free = threading.Event()
 
-    def __call__(self, of: StoredDocument) -> str:
+    def __call__(self, of: StoredDocument, wanted: StillWanted) -> str:
         self.begun.set()
-        assert self.free.wait(20)
+        poll = select.poll()
+        poll.register(wanted.descriptor, 0)
+        deadline = time.monotonic() + 20.0
+        while not self.free.wait(0.01):
+            assert time.monotonic() < deadline
+            if poll.poll(0):
+                raise NobodyWaits
         self.made.append(of.sha256)
         return f"page of {of.sha256}" + 1000 * " "
 
@@ -75,10 +85,10 @@ def test_what_nobody_waits_for_any_more_is_not_made(tmp_path: Path) -> None:
         await begun(stays)
         make.free.set()
         assert (await stays).startswith(b"page of stays")
-        # The first one was being made when its client left: it is kept for whoever asks again.
-        assert make.made == ["first", "stays"]
+        # The first one was being made when its client left: whoever asks again has it made anew.
+        assert make.made == ["stays"]
         assert (await recordings.get(document("first"), forever)).startswith(b"page of first")
-        assert make.made == ["first", "stays"]
+        assert make.made == ["stays", "first"]
 
     run(tmp_path, body)
 
@@ -143,7 +153,7 @@ def test_a_recording_that_fails_fails_for_all_who_wait_and_is_tried_again(tmp_pa
     async def body(recordings: Recordings, _: Maker) -> None:
         tried = list[str]()
 
-        def fails(of: StoredDocument) -> str:
+        def fails(of: StoredDocument, _: StillWanted) -> str:
             assert free.wait(20)
             tried.append(of.sha256)
             raise ValueError("out of order")
@@ -161,16 +171,22 @@ def test_a_recording_that_fails_fails_for_all_who_wait_and_is_tried_again(tmp_pa
     run(tmp_path, body)
 
 
+def how_many_left(client: httpx.Client) -> float:
+    """Return how many who asked for recordings have left before, in all tests of this process."""
+    left = r'_count{method="GET",route="/v1/plans/{plan_id}/recording.html",status="499"} (\S+)'
+    return sum(map(float, re.findall(left, client.get("/metrics").text)))
+
+
 def test_over_http_a_client_that_leaves_is_noticed_and_a_recording_is_known_by_its_tag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make = Maker()
-    monkeypatch.setattr(SceneServers, "record", lambda _, document: make(document))
+    monkeypatch.setattr(SceneServers, "record", lambda _, *asked: make(*asked))
     settings = ServiceSettings(data_dir=tmp_path, solver_command=FAKE_SOLVER, worker_slots=1, max_recordings_waiting=1)
     with served(settings) as address, httpx.Client(base_url=address, timeout=20.0) as client:
         plans = [client.post("/v1/plans", json=task(external_id="now")).json() for _ in range(4)]
         pages = [f"{finished(client, plan)['links']['self']}/recording.html" for plan in plans]
-        left = '_count{method="GET",route="/v1/plans/{plan_id}/recording.html",status="499"} '
+        before = how_many_left(client)
         with ThreadPoolExecutor(2) as pool:
             first = pool.submit(client.get, pages[0])
             assert make.begun.wait(20)
@@ -178,7 +194,7 @@ def test_over_http_a_client_that_leaves_is_noticed_and_a_recording_is_known_by_i
                 # Each leaves room for the next one when it leaves.
                 with pytest.raises(httpx.ReadTimeout):
                     httpx.get(f"{address}{pages[number]}", timeout=0.5)
-                wait_for(lambda so_many=f"{left}{number}.0": so_many in client.get("/metrics").text, 5.0)
+                wait_for(lambda so_many=before + number: how_many_left(client) == so_many, 5.0)
             stays = pool.submit(client.get, pages[3])
             wait_for(lambda: httpx.get(f"{address}{pages[1]}", timeout=1.0).status_code == 429, 5.0)
             make.free.set()

@@ -10,6 +10,7 @@ import pytest
 
 from app.resources.cell_collection import CellCollection
 from app.viewer.scene_servers import SceneServer, SceneServers, WatcherRoom
+from app.work.workbench import Workbench
 from planners.cell.cell import ShippedCells
 from workers.settings import WorkerSettings
 from workers.stores.cell_store import CellStore
@@ -30,7 +31,7 @@ def test_a_scene_that_cannot_be_told_of_is_closed_and_its_place_given_back(
 
     async def enter_twice(cells: CellCollection) -> None:
         addresses = tmp_path / "watched"
-        servers = SceneServers(cells, tmp_path / "drawings", addresses, WatcherRoom(1, 1))
+        servers = SceneServers(cells, tmp_path / "drawings", addresses, WatcherRoom(1, 1), Workbench(2**30))
         addresses.rmdir()
         with pytest.raises(FileNotFoundError):
             await servers.enter("mes")

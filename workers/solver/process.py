@@ -162,7 +162,7 @@ def _answer_one(solve: Solve, request: bytes, channel: Channel) -> None:
 
 def _forked(work: Callable[[], None]) -> int:
     """Have a fork of this process do some work, and return its wait status when it and all it has started are gone."""
-    _require_one_thread()
+    require_one_thread()
     parent = os.getpid()
     child = os.fork()
     if child == 0:
@@ -187,7 +187,12 @@ def _forked(work: Callable[[], None]) -> int:
     return status
 
 
-def _require_one_thread() -> None:
+def require_one_thread() -> None:
+    """Wait a moment for threads that end.
+
+    Raises:
+        ThreadsAlive: This process has more than one for longer.
+    """
     deadline = time.monotonic() + THREAD_END_SECONDS
     while (alive := len(os.listdir("/proc/self/task"))) > 1:
         if time.monotonic() > deadline:

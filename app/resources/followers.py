@@ -1,0 +1,55 @@
+"""Who follows plans and studies: so many at once that they never hold all connections, nor one owner most of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
+
+from starlette.responses import StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+from app.access.caller import Caller
+from app.errors import TooManyFollowers
+
+
+class Followers:
+    """Places of those who follow something, by an event stream or by `Prefer: wait`. Belongs to one event loop."""
+
+    def __init__(self, most: int, most_of_owner: int) -> None:
+        """There are `most` places, and `most_of_owner` of them for one owner, where keys tell owners apart."""
+        self.most, self.most_of_owner = most, most_of_owner
+        self._following = Counter[str | None]()
+
+    @contextmanager
+    def place(self, caller: Caller) -> Iterator[bool]:
+        """Give a caller a place for the time of a block, in which it is true unless there was none."""
+        owner = caller.owner
+        of_owner = self.most if owner is None else self.most_of_owner
+        admitted = self._following.total() < self.most and self._following[owner] < of_owner
+        self._following[owner] += admitted
+        try:
+            yield admitted
+        finally:
+            self._following[owner] -= admitted
+            if not self._following[owner]:
+                del self._following[owner]
+
+
+class EventStream(StreamingResponse):
+    """Server-sent events, for a caller who takes a place for as long as they are sent."""
+
+    def __init__(self, events: AsyncIterator[bytes], followers: Followers, caller: Caller) -> None:
+        super().__init__(events, media_type="text/event-stream", headers={"Cache-Control": "no-store"})
+        self._followers, self._caller = followers, caller
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send it.
+
+        Raises:
+            TooManyFollowers: There is no place, and nothing was sent.
+        """
+        with self._followers.place(self._caller) as admitted:
+            if not admitted:
+                raise TooManyFollowers(self._followers.most, self._followers.most_of_owner)
+            await super().__call__(scope, receive, send)
