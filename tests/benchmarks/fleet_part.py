@@ -18,7 +18,7 @@ SLOWEST_START = 10.0
 
 
 def measure(effort: Effort, note: Note, folder: Path) -> Findings:
-    """Build and run the fleet as `make fleet` does: about an hour, as root."""
+    """Build and run the fleet as `make fleet` does: about half an hour, as root."""
     del folder
     if not effort.fleet:
         return Findings([], [])

@@ -250,7 +250,7 @@ class Fleet:
 
 
 def measure(folder: Path, note: Callable[[str], None]) -> FleetFigures:
-    """Do all of it, and return what was measured; about an hour the first time.
+    """Do all of it, and return what was measured; about half an hour the first time.
 
     Raises:
         RuntimeError: Something did not go as it has to.
