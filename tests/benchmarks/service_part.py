@@ -6,7 +6,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -91,7 +90,7 @@ def _soak_settings(effort: SoakEffort, seed: int) -> SoakSettings:
 
 def _soaked(place: str, settings: SoakSettings) -> SoakRound:
     with tempfile.TemporaryDirectory() as folder:
-        return SoakRound(place, settings.seed, asdict(soak.soak(settings, Path(folder), _noted)))
+        return SoakRound(place, settings.seed, soak.soak(settings, Path(folder), _noted).data())
 
 
 def _noted(words: str) -> None:

@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -71,6 +71,11 @@ class SoakFigures:
     faults: list[str] = field(default_factory=list)
     """Promises that were broken."""
 
+    def data(self) -> dict[str, Any]:
+        """Return all of it as JSON data."""
+        # `asdict` would count the pairs of a Counter.
+        return {each: dict(value) if isinstance(value, Counter) else value for each, value in vars(self).items()}
+
     def __add__(self, other: SoakFigures) -> SoakFigures:
         return SoakFigures(*(getattr(self, each.name) + getattr(other, each.name) for each in fields(self)))
 
@@ -82,12 +87,12 @@ class SoakRound:
     place: str
     seed: int
     figures: dict[str, Any]
-    """Of its `SoakFigures`."""
+    """Its `SoakFigures.data`."""
 
     @classmethod
     def broken(cls, key: tuple[str, int], error: BaseException) -> Self:
         """Return the round that ended with an error of the fleet, or of whoever killed it."""
-        return cls(*key, asdict(SoakFigures(faults=[f"the round ended with {error!r:.300}"])))
+        return cls(*key, SoakFigures(faults=[f"the round ended with {error!r:.300}"]).data())
 
     @property
     def key(self) -> tuple[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,8 @@ import pytest
 from support.postgres import needs_postgres
 from support.service import FAKE_SOLVER, task
 
-from tests.benchmarks.soak import SoakSettings, soak
+from tests.benchmarks.attempt_file import AttemptFile
+from tests.benchmarks.soak import SoakFigures, SoakRound, SoakSettings, soak
 
 
 def body(number: int) -> dict[str, Any]:
@@ -29,3 +31,14 @@ def test_every_accepted_job_ends_with_one_whole_document_whatever_is_killed(
     assert figures.faults == []
     assert figures.states == {"succeeded": jobs}
     assert sum(figures.kills.values()) == kills
+
+
+def test_a_round_is_kept_in_a_file_as_it_was(tmp_path: Path) -> None:
+    figures = SoakFigures(3, 1.5, Counter(solver=2, api=1), Counter(succeeded=3), 4, 5, ["one promise"])
+    file = AttemptFile(tmp_path / "rounds.jsonl", SoakRound)
+    file.add(SoakRound("SQLite", 7, figures.data()))
+    (kept,) = file.read().values()
+    assert (kept.key, kept.sums, "3 kills" in kept.told()) == (("SQLite", 7), figures, True)
+    assert kept.sums + kept.sums == SoakFigures(
+        6, 3.0, Counter(solver=4, api=2), Counter(succeeded=6), 8, 10, 2 * ["one promise"]
+    )
