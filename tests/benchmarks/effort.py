@@ -68,8 +68,8 @@ class Effort:
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
     soaks: tuple[SoakEffort, ...] = (
-        SoakEffort("PostgreSQL", postgres=True, planned=True, rounds=4, jobs=60, kills=50),
-        SoakEffort("PostgreSQL, made-up solvers", postgres=True, planned=False, rounds=12, jobs=150, kills=50),
+        SoakEffort("PostgreSQL", postgres=True, planned=True, rounds=2, jobs=60, kills=50),
+        SoakEffort("PostgreSQL, made-up solvers", postgres=True, planned=False, rounds=14, jobs=150, kills=50),
         SoakEffort("SQLite", postgres=False, planned=True, rounds=2, jobs=30, kills=25),
         SoakEffort("SQLite, made-up solvers", postgres=False, planned=False, rounds=6, jobs=75, kills=25),
     )
