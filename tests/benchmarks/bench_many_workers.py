@@ -64,7 +64,6 @@ class ManyWorkersEffort:
         ManyWorkersCase(10, 1.0, 100),
         ManyWorkersCase(30, 1.0, 100),
         ManyWorkersCase(30, 4.0, 100),
-        ManyWorkersCase(100, 4.0, 300),
     )
     idle_seconds: float = 15.0
 
@@ -215,10 +214,12 @@ class _Watch:
         psutil.cpu_times_percent()
         server, fleet, begun = self._server.cpu_seconds(), self._fleet_cpu(), time.monotonic()
         yield spell
+        # Of what is counted the longest to come by; where the machine is short of cores that takes a while itself.
+        counted = _asked(self._server, "SELECT query, calls FROM pg_stat_statements")
         spell.seconds = time.monotonic() - begun
         spell.server_cpu, spell.fleet_cpu = self._server.cpu_seconds() - server, self._fleet_cpu() - fleet
         spell.machine_idle = 0.01 * psutil.cpu_times_percent().idle
-        for text, calls in _asked(self._server, "SELECT query, calls FROM pg_stat_statements"):
+        for text, calls in counted:
             if "pg_stat_statements" not in text:
                 kind = kind_of(text)
                 spell.statements[kind] = spell.statements.get(kind, 0) + int(calls)

@@ -181,7 +181,9 @@ def _reckoned(found: Sequence[ManyWorkersFigures]) -> Iterator[str]:
         yield table(head, rows)
     yield (
         f"A worker that has nothing to do takes {100.0 * first.idle.fleet_cores / first.case.workers:.1f} % of a core "
-        f"itself in {_fleet(first)}, and {100.0 * slow.idle.fleet_cores / slow.case.workers:.1f} % in {_fleet(slow)}."
+        f"itself in {_fleet(first)}, and {100.0 * slow.idle.fleet_cores / slow.case.workers:.1f} % in {_fleet(slow)}: "
+        "a hundred that look every 4 s did their jobs on this machine, but wanted all of its cores, so that only those "
+        "were measured."
     )
     yield reckoned_cores(first)
     if slow is not first:
