@@ -86,17 +86,10 @@ def guarded(limits: ConnectionLimits) -> tuple[type[asyncio.Protocol], type[asyn
     return Guarded, GuardedSocket
 
 
-class GuardedWebSocket(WebSocketsSansIOProtocol):
-    """A websocket that is closed when its client takes nothing of it for long."""
+class WatchedWriting(asyncio.Protocol):
+    """What a protocol tells of bytes that have to wait for its client; before the one that it is added to."""
 
-    limits: ConnectionLimits
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take over a connection on which answers may still have to be sent."""
-        super().connection_made(transport)
-        self.unsent = Unsent(transport, self.loop, self.limits.write_seconds)
-        if transport.get_write_buffer_size():
-            self.pause_writing()
+    unsent: Unsent
 
     def pause_writing(self) -> None:
         """Wait for the client."""
@@ -114,7 +107,20 @@ class GuardedWebSocket(WebSocketsSansIOProtocol):
         super().connection_lost(exc)
 
 
-class GuardedProtocol(H11Protocol):
+class GuardedWebSocket(WatchedWriting, WebSocketsSansIOProtocol):
+    """A websocket that is closed when its client takes nothing of it for long."""
+
+    limits: ConnectionLimits
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take over a connection on which answers may still have to be sent."""
+        super().connection_made(transport)
+        self.unsent = Unsent(transport, self.loop, self.limits.write_seconds)
+        if transport.get_write_buffer_size():
+            self.pause_writing()
+
+
+class GuardedProtocol(WatchedWriting, H11Protocol):
     """HTTP/1.1 on one connection that may have to make room for another.
 
     Where there are too many, the one whose client has been waited for longest goes, be it for a request, for the body
@@ -124,7 +130,6 @@ class GuardedProtocol(H11Protocol):
 
     limits: ConnectionLimits
     refused: Occasional
-    unsent: Unsent
 
     def __init__(
         self,
@@ -183,16 +188,6 @@ class GuardedProtocol(H11Protocol):
         self._quiet_since = self.loop.time()
         super().on_response_complete()
 
-    def pause_writing(self) -> None:
-        """Wait for the client."""
-        super().pause_writing()
-        self.unsent.begin()
-
-    def resume_writing(self) -> None:
-        """Go on."""
-        super().resume_writing()
-        self.unsent.end()
-
     def send_400_response(self, msg: str) -> None:
         """Answer what is no request of HTTP, and close."""
         if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
@@ -216,7 +211,6 @@ class GuardedProtocol(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget the connection."""
         self._stop_head_timer()
-        self.unsent.end()
         super().connection_lost(exc)
 
     def _await_head(self) -> None:
