@@ -11,6 +11,7 @@ from starlette.types import Receive, Scope, Send
 
 from app.access.caller import Caller
 from app.errors import TooManyFollowers
+from app.resources.plan_feed import PlanFeed, wait_for_end
 
 
 class Followers:
@@ -34,6 +35,14 @@ class Followers:
             self._following[owner] -= admitted
             if not self._following[owner]:
                 del self._following[owner]
+
+    async def wait_for_end(self, caller: Caller, feed: PlanFeed, followed_id: str, seconds: float) -> None:
+        """Wait until a job or study has ended, so long at most [s].
+
+        That is a caller's preference: without a place it is not followed, and what was posted is accepted all the same.
+        """
+        with self.place(caller) as admitted:
+            await wait_for_end(feed, followed_id, seconds if admitted else 0.0)
 
 
 class EventStream(StreamingResponse):

@@ -16,7 +16,7 @@ from starlette.concurrency import run_in_threadpool
 from app.access.access_control import KEPT, address_of
 from app.errors import NoProgram
 from app.resources.followers import EventStream
-from app.resources.plan_feed import stream_events, wait_for_end
+from app.resources.plan_feed import stream_events
 from app.resources.queries import JobOrderQuery, PlanQuery, write_page_token
 from app.resources.schemas import (
     PROBLEM,
@@ -95,9 +95,8 @@ async def post_plan(
     warnings = warnings_of(sent())
     headers = {"Location": plan.links.self}
     if wait is not None:
-        with followers_of(request).place(caller_of(request)) as admitted:
-            # A preference: without a place it is not followed, and the plan is accepted all the same.
-            await wait_for_end(feed, plan.id, min(wait, settings.max_wait_seconds) if admitted else 0.0)
+        seconds = min(wait, settings.max_wait_seconds)
+        await followers_of(request).wait_for_end(caller_of(request), feed, plan.id, seconds)
         plan = await run_in_threadpool(plans.plan, plan.id)
         if plan.done:
             answer = PostedPlan(**plan.model_dump(), warnings=warnings)

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.pictures.study_picture import draw_map
 from app.resources.followers import EventStream
-from app.resources.plan_feed import stream_events, wait_for_end
+from app.resources.plan_feed import stream_events
 from app.resources.queries import read_page_token, write_page_token
 from app.resources.schemas import PROBLEM, PlanResource, StudyList, StudyResource
 from app.routes.dependencies import (
@@ -79,9 +79,8 @@ async def post_study(
     study = await run_in_threadpool(submit)
     headers = {"Location": study.links.self}
     if wait is not None:
-        with followers_of(request).place(caller_of(request)) as admitted:
-            # A preference: without a place it is not followed, and the study is accepted all the same.
-            await wait_for_end(feed, study.id, min(wait, settings.max_wait_seconds) if admitted else 0.0)
+        seconds = min(wait, settings.max_wait_seconds)
+        await followers_of(request).wait_for_end(caller_of(request), feed, study.id, seconds)
         study = await run_in_threadpool(studies.study, study.id)
         if study.done:
             return plan_response(study, 200, {**headers, "Preference-Applied": f"wait={wait}"})
