@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from support.places import database_at
 
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
@@ -13,9 +14,16 @@ from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
 
 
+@pytest.fixture(scope="module")
+def place(request: pytest.FixtureRequest) -> Iterator[dict[str, str]]:
+    """Settings of the database: SQLite, or what `on_both_databases` says."""
+    with database_at(getattr(request, "param", "sqlite")) as settings:
+        yield settings
+
+
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[Database]:
-    database = open_database(WorkerSettings(data_dir=tmp_path))
+def database(place: dict[str, str], tmp_path: Path) -> Iterator[Database]:
+    database = open_database(WorkerSettings.model_validate({"data_dir": tmp_path, **place}))
     yield database
     database.close()
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import sqlalchemy as sa
 from sqlalchemy.exc import DataError
-from support.places import database_at, on_both_databases
+from support.places import on_both_databases
 from support.service import task
 
 from app.access.audit_log import AuditLog
@@ -31,19 +30,6 @@ from workers.stores.totals import STAGE
 from workers.stores.webhook_store import WebhookStore
 
 LONGEST_NAME = "n" * 64
-
-
-@pytest.fixture(scope="module")
-def place(request: pytest.FixtureRequest) -> Iterator[dict[str, str]]:
-    with database_at(request.param) as settings:
-        yield settings
-
-
-@pytest.fixture
-def database(place: dict[str, str], tmp_path: Path) -> Iterator[Database]:
-    database = open_database(WorkerSettings.model_validate({"data_dir": tmp_path, **place}))
-    yield database
-    database.close()
 
 
 @on_both_databases

@@ -176,6 +176,27 @@ def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypa
     assert asyncio.run(run()).outcome == "solved"
 
 
+LINGERING = """setsid sh -c "echo '{}'; exec sleep 1" & exec sleep 600"""
+"""What says that it is ready has the same stdout, and is in no group that is ended."""
+
+
+def test_a_process_is_waited_for_however_often_who_ends_it_is_cancelled() -> None:
+    async def run() -> None:
+        child = await SolverProcess.start(SolverCommand(("sh", "-c", LINGERING), {}))
+        await child.ready()
+        ending = asyncio.create_task(child.kill())
+        for _ in range(3):
+            await asyncio.sleep(0.1)
+            ending.cancel()
+        assert not (await asyncio.wait([ending], timeout=0.1))[0]
+        with pytest.raises(asyncio.CancelledError):
+            await ending
+        assert not child.alive
+
+    # What was left open would be told of, as a warning that is an error.
+    asyncio.run(run())
+
+
 def test_every_job_of_a_pool_has_a_process_of_its_own_and_none_is_left_when_it_closes() -> None:
     others = children()
 

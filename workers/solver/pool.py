@@ -193,11 +193,24 @@ class SolverProcess:
             raise SolverDied.with_code(await self._process.wait()) from None
 
     async def kill(self) -> None:
-        """End the whole process group now, and wait for it."""
+        """End the whole process group now, and wait for it; who is cancelled meanwhile is so after that."""
         # The whole group may have ended already.
         with suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
         self._stdin.close()
+        cancelled: asyncio.CancelledError | None = None
+        while True:
+            try:
+                await self._gone()
+                break
+            except asyncio.CancelledError as again:
+                # A job that is left may be left again, or the service stopped: its process is waited for all the same.
+                cancelled = again
+        if cancelled is not None:
+            raise cancelled
+
+    async def _gone(self) -> None:
+        """Wait until nothing is left of a process that was killed."""
         await self._process.wait()
         # A fork of it has the same stdout, and may take a moment longer to be gone.
         with suppress(TimeoutError):

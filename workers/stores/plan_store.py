@@ -423,25 +423,21 @@ class PlanStore:
         return None if text is None else json.loads(text)
 
     def begin_attempt(self, plan_id: str) -> PlanRecord | None:
-        """Count one more attempt; None if the plan was deleted.
+        """Count one more attempt; None if the plan was deleted, or its job has ended.
 
         Its number is the right to write: what an earlier attempt still says, on a worker that was given up for dead, is
         dropped.
         """
-        begun = (
-            sa.update(PLANS)
-            .where(PLANS.c.id == plan_id)
-            .values(
-                attempts=PLANS.c.attempts + 1,
-                started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
-                finished_us=None,
-            )
+        begun = self._unended(plan_id).values(
+            attempts=PLANS.c.attempts + 1,
+            started_us=sa.func.coalesce(PLANS.c.started_us, now_us()),
+            finished_us=None,
         )
         with self._database.engine.begin() as transaction:
-            transaction.execute(begun)
+            if transaction.execute(begun).rowcount == 0:
+                return None
             # Inside: another worker may begin the next attempt as soon as this is over.
-            row = transaction.execute(_RECORDS.where(PLANS.c.id == plan_id)).mappings().one_or_none()
-        return None if row is None else PlanRecord(**row)
+            return PlanRecord(**transaction.execute(_RECORDS.where(PLANS.c.id == plan_id)).mappings().one())
 
     def count_crash(self, plan_id: str) -> int:
         """Count one more death of the plan's solver process, and return how many there were."""
@@ -451,9 +447,12 @@ class PlanStore:
             return transaction.scalar(sa.select(PLANS.c.crashes).where(PLANS.c.id == plan_id)) or 0
 
     def add_event(self, plan_id: str, event: PlanEvent) -> None:
-        """Append an event and show it as the plan's progress; nothing happens unless its `attempt` is the newest."""
+        """Append an event and show it as the plan's progress.
+
+        Nothing happens unless its `attempt` is the newest, and the job has not ended.
+        """
         with self._database.engine.begin() as transaction:
-            _add_event(transaction, plan_id, event)
+            self._add_event(transaction, plan_id, event)
 
     def events_after(self, plan_id: str, sequence: int) -> list[tuple[int, dict[str, Any]]]:
         """Return the events behind `sequence`, oldest first."""
@@ -483,7 +482,7 @@ class PlanStore:
     ) -> None:
         """Store a certified document that more will be added to, until `save_document` replaces it.
 
-        Nothing happens unless the event's `attempt` is the newest, all of it or nothing.
+        Nothing happens unless the event's `attempt` is the newest, and the job has not ended; all of it or nothing.
 
         Args:
             plan_id: of which plan.
@@ -492,7 +491,7 @@ class PlanStore:
             tell: has whoever wants to know be told, in the same transaction.
         """
         with self._database.engine.begin() as transaction:
-            if not _add_event(transaction, plan_id, event):
+            if not self._add_event(transaction, plan_id, event):
                 return
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
             certified_us = now_us() if document.outcome == "solved" else None
@@ -501,14 +500,14 @@ class PlanStore:
             tell(transaction)
 
     def save_document(self, plan_id: str, attempt: int, document: PackedDocument) -> bool:
-        """Store a document and count its stages; False if the plan was deleted or a newer attempt has begun.
+        """Store a document and count its stages; False if the job has ended or a newer attempt has begun.
 
         All of it or nothing: a document that can be read is whole. What an earlier life of the same attempt stored is
         replaced, and so is the document without a simulation.
         """
         mine = DOCUMENTS.c.plan_id == plan_id
         with self._database.engine.begin() as transaction:
-            finished = _attempt(plan_id, attempt).values(finished_us=now_us())
+            finished = self._attempt(plan_id, attempt).values(finished_us=now_us())
             if transaction.execute(finished).rowcount == 0:
                 return False
             known = sa.select(DOCUMENTS.c.certified_us, DOCUMENTS.c.awaits_simulation).where(mine)
@@ -550,9 +549,9 @@ class PlanStore:
         self._database.write(sa.update(PLANS).where(PLANS.c.id == plan_id).values(finished_us=now_us()))
 
     def mark_failed(self, plan_id: str, attempt: int, why: str) -> bool:
-        """Keep the time and count the failure; False if the plan was deleted or a newer attempt has begun."""
+        """Keep the time and count the failure; False if the job has ended or a newer attempt has begun."""
         with self._database.engine.begin() as transaction:
-            if transaction.execute(_attempt(plan_id, attempt).values(finished_us=now_us())).rowcount == 0:
+            if transaction.execute(self._attempt(plan_id, attempt).values(finished_us=now_us())).rowcount == 0:
                 return False
             add_to_total(transaction, FAILURE, why)
         return True
@@ -635,6 +634,33 @@ class PlanStore:
         found = self._database.mappings(query)
         return PlanRecord(**found[0]) if found else None
 
+    def _add_event(self, transaction: sa.Connection, plan_id: str, event: PlanEvent) -> bool:
+        """Do what `add_event` says; False if nothing happened."""
+        shown = self._attempt(plan_id, event.attempt).values(stage=event.stage, fraction=event.fraction)
+        if transaction.execute(shown).rowcount == 0:
+            return False
+        next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
+        sequence = transaction.scalar(next_sequence.where(EVENTS.c.plan_id == plan_id))
+        row = {"plan_id": plan_id, "sequence": sequence, "event": event.text()}
+        transaction.execute(sa.insert(EVENTS).values(row))
+        return True
+
+    def _attempt(self, plan_id: str, attempt: int) -> sa.Update:
+        """Return an update of a plan that touches nothing once its job has ended or a newer attempt has begun."""
+        return self._unended(plan_id).where(PLANS.c.attempts == attempt)
+
+    def _unended(self, plan_id: str) -> sa.Update:
+        """Return an update of a plan that touches nothing once its job has ended.
+
+        A worker learns late of a job that was cancelled. The engine's row is locked meanwhile, so that nobody who was
+        told of the end sees the plan change after that.
+        """
+        jobs = self._jobs
+        going_on = sa.select(jobs.c.workflow_uuid).where(
+            jobs.c.workflow_uuid == plan_id, jobs.c.status.in_((*QUEUED, RUNNING))
+        )
+        return sa.update(PLANS).where(PLANS.c.id == plan_id, sa.exists(going_on.with_for_update(read=True)))
+
 
 def stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
     """Return what stands for a key in the database: two owners may choose the same one."""
@@ -647,23 +673,6 @@ def _document(plan_id: str, document: PackedDocument) -> sa.Insert:
     """Return what stores a document, with values to be added."""
     packed = {"outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
     return sa.insert(DOCUMENTS).values(plan_id=plan_id, **packed)
-
-
-def _add_event(transaction: sa.Connection, plan_id: str, event: PlanEvent) -> bool:
-    """Do what `PlanStore.add_event` says; False if nothing happened."""
-    shown = _attempt(plan_id, event.attempt).values(stage=event.stage, fraction=event.fraction)
-    if transaction.execute(shown).rowcount == 0:
-        return False
-    next_sequence = sa.select(sa.func.coalesce(sa.func.max(EVENTS.c.sequence), 0) + 1)
-    sequence = transaction.scalar(next_sequence.where(EVENTS.c.plan_id == plan_id))
-    row = {"plan_id": plan_id, "sequence": sequence, "event": event.text()}
-    transaction.execute(sa.insert(EVENTS).values(row))
-    return True
-
-
-def _attempt(plan_id: str, attempt: int) -> sa.Update:
-    """Return an update of a plan that touches nothing once a newer attempt has begun."""
-    return sa.update(PLANS).where(PLANS.c.id == plan_id, PLANS.c.attempts == attempt)
 
 
 def fingerprint(task: Any) -> str:

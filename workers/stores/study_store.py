@@ -123,8 +123,10 @@ class StudyStore:
         return None if text is None else Study.of_document(json.loads(text))
 
     def begin(self, study_id: str) -> bool:
-        """Keep the time at which a study was begun first; False if it was deleted."""
-        beginning = sa.update(STUDIES).where(STUDIES.c.id == study_id)
+        """Keep the time at which a study was begun first; False if it was deleted, or cancelled before."""
+        # One whose points are all known may still have to plan the best of them.
+        open_or_begun = sa.or_(STUDIES.c.finished_us.is_(None), STUDIES.c.started_us.is_not(None))
+        beginning = sa.update(STUDIES).where(STUDIES.c.id == study_id, open_or_begun)
         started = sa.func.coalesce(STUDIES.c.started_us, now_us())
         return self._database.write(beginning.values(started_us=started)) > 0
 
@@ -143,9 +145,10 @@ class StudyStore:
         return [StudyPoint.model_validate_json(text) for text in found]
 
     def add_point(self, study_id: str, point: StudyPoint) -> bool:
-        """Keep a point; False if the study was deleted. One that is known stays as it is."""
-        # The row is locked, so that points have numbers without gaps, whoever adds them.
-        owned = sa.update(STUDIES).where(STUDIES.c.id == study_id).values(count=STUDIES.c.count)
+        """Keep a point; False if the study was deleted, or has ended. One that is known stays as it is."""
+        # The row is locked, so that points have numbers without gaps, whoever adds them, and none comes behind the end.
+        unended = STUDIES.c.id == study_id, STUDIES.c.finished_us.is_(None)
+        owned = sa.update(STUDIES).where(*unended).values(count=STUDIES.c.count)
         of_study = STUDY_POINTS.c.study_id == study_id
         with self._database.engine.begin() as transaction:
             if transaction.execute(owned).rowcount == 0:
