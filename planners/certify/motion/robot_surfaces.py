@@ -264,9 +264,12 @@ class _AssetReader:
     def _links(self, robot: str) -> tuple[tuple[ConvexPart, ...], ...]:
         described = self._read("robots", robot, RobotRecord)
         if described.links_of is not None:
-            described = self._read("robots", described.links_of, RobotRecord)
+            robot = described.links_of
+            described = self._read("robots", robot, RobotRecord)
         drawn = {link.name: link for link in described.links}
-        urdf = self._urdf_of(drawn.values())
+        # A file of somebody's own may put the same meshes elsewhere: its word counts, and not that of their package.
+        shipped = self._path_of("robots", robot).is_relative_to(assets_folder())
+        urdf = self._urdf_of(drawn.values()) if shipped else None
         if urdf is not None:
             rows = [[joint.a, joint.alpha_deg, joint.d, joint.theta0_deg] for joint in described.joints]
             dh = np.array(rows) * [1.0, math.pi / 180.0, 1.0, math.pi / 180.0]
@@ -274,14 +277,17 @@ class _AssetReader:
         return tuple(self._link(drawn[name]) for name in LINKS)
 
     def _read(self, kind: str, name: str, record: type[_Record]) -> _Record:
-        for folder in self.folders:
-            path = folder / kind / f"{name}.yaml"
-            if path.is_file():
-                try:
-                    return record.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-                except ValidationError as error:
-                    raise AssetError(f"{kind}/{name}.yaml cannot be read: {error}") from error
-        raise AssetError(f"there is no {kind}/{name}.yaml")
+        try:
+            return record.model_validate(yaml.safe_load(self._path_of(kind, name).read_text(encoding="utf-8")))
+        except ValidationError as error:
+            raise AssetError(f"{kind}/{name}.yaml cannot be read: {error}") from error
+
+    def _path_of(self, kind: str, name: str) -> Path:
+        paths = (folder / kind / f"{name}.yaml" for folder in self.folders)
+        found = next((path for path in paths if path.is_file()), None)
+        if found is None:
+            raise AssetError(f"there is no {kind}/{name}.yaml")
+        return found
 
     def _gripper(self, held: GripperRecord | JawsRecord, height: float) -> GripperSurfaces:
         pad_size = np.array(held.pad_size)

@@ -91,6 +91,29 @@ def test_links_of_every_shipped_arm_are_read_alike(robot: str) -> None:
             assert_encloses(shape.vertices, 1.4e-3, hull.vertices)
 
 
+@pytest.mark.parametrize(
+    ("was", "now"),
+    [
+        ("position: [0.425, 0, 0.138]", "position: [0.425, 0, 0.438]"),
+        ("rpy_deg: [90, 0, -90]", "rpy_deg: [90, 30, -90]"),
+        ("path: arms/ur5e/collision/", "scale: 0.5, path: arms/ur5e/collision/"),
+    ],
+)
+def test_links_of_a_changed_copy_of_a_shipped_arm_are_where_the_copy_has_them(
+    was: str, now: str, tmp_path: Path
+) -> None:
+    given = (shipped_shelf().folders[0] / "robots" / "ur5e.yaml").read_text()
+    assert was in given
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "mine.yaml").write_text(given.replace("name: ur5e", "name: mine", 1).replace(was, now))
+    shelf = AssetShelf((tmp_path, *shipped_shelf().folders))
+    read = load_surfaces({"left": ("mine", "robotiq_2f85_ft300")}, shelf.folders)["left"]
+    for ours, theirs in zip(load_robot("mine", shelf).links, read.links, strict=True):
+        for shape, hull in zip(ours.shapes, theirs, strict=True):
+            assert_encloses(shape.vertices, 1.4e-3, hull.vertices)
+            assert_encloses(hull.vertices, 0.02, shape.vertices)
+
+
 def test_fingers_are_where_the_cell_has_them(cell: Cell, surfaces: RobotSurfaces) -> None:
     gripper = cell.arms["right"].hand
     assert isinstance(gripper, Gripper)
