@@ -5,9 +5,12 @@ A plan that cannot be found is not an error: it is a result with reasons (`plann
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 class LiftwrightError(Exception):
@@ -89,4 +92,60 @@ class SceneError(LiftwrightError):
     ) -> None:
         self.pointer, self.detail, self.allowed = pointer, detail, allowed
         self.pointers = (pointer, *others)
+        self.more: tuple[SceneError, ...] = ()
+        """What else cannot stand."""
         super().__init__(f"{pointer or '/'}: {detail}")
+
+    @property
+    def all(self) -> tuple[SceneError, ...]:
+        """Everything that cannot stand, in the order in which it was found."""
+        return (self, *self.more)
+
+
+class SceneFaults:
+    """Gathers what cannot stand as a task says, so that all of it is told at once."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, ...], SceneError] = {}
+        """By all members that an error points at, of which it is told once: an arm that is in a box is so with many
+        links."""
+
+    def __bool__(self) -> bool:
+        """Whether there are any."""
+        return bool(self._found)
+
+    def add(self, error: SceneError) -> None:
+        """Add what an error tells of, unless as much is known of the same members, or one of them must change anyway.
+
+        Whatever a cup touches that is beside its plate, nobody wants to know.
+        """
+        for each in error.all:
+            if not any((pointer,) in self._found for pointer in each.pointers):
+                self._found.setdefault(each.pointers, each)
+
+    def tells_of(self, *pointers: str | None) -> bool:
+        """Whether it is known of these members, in this order, that they do not go together."""
+        return pointers in self._found
+
+    def tried(self, make: Callable[[], T]) -> T | None:
+        """Return what is made; None if it cannot stand, which is added."""
+        try:
+            return make()
+        except SceneError as error:
+            self.add(error)
+            return None
+
+    def raise_any(self) -> None:
+        """Raise an error of all that were gathered; do nothing if there are none.
+
+        Raises:
+            SceneError: There are some.
+        """
+        if self._found:
+            raise self.error()
+
+    def error(self) -> SceneError:
+        """Return an error of all that were gathered, of which there is one at least."""
+        first, *others = self._found.values()
+        first.more = tuple(others)
+        return first

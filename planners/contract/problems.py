@@ -47,17 +47,22 @@ class Problem:
 def problems_of(error: ValidationError | SceneError) -> list[Problem]:
     """Return everything `error` knows about the body, in the order of the body."""
     if isinstance(error, SceneError):
-        return _scene_problems(error)
+        return _at_most(
+            [Problem(pointer, each.detail, each.allowed) for each in error.all for pointer in each.pointers]
+        )
     # A default that could not be derived follows from a fault that is listed itself.
     faults = [
         fault
         for fault in error.errors(include_url=False, include_input=False)
         if fault["type"] != "default_factory_not_called"
     ]
-    problems = [problem_of(fault) for fault in faults[:MAX_PROBLEMS]]
-    if len(faults) > MAX_PROBLEMS:
-        problems.append(Problem("", f"{len(faults) - MAX_PROBLEMS} more problems are not listed"))
-    return problems
+    return _at_most([problem_of(fault) for fault in faults])
+
+
+def _at_most(problems: list[Problem]) -> list[Problem]:
+    """Return no more problems than are listed, and how many there are besides."""
+    more = len(problems) - MAX_PROBLEMS
+    return problems if more <= 0 else [*problems[:MAX_PROBLEMS], Problem("", f"{more} more problems are not listed")]
 
 
 def doubts_of(task: object) -> list[Problem]:
@@ -83,10 +88,6 @@ def _poses(data: object, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[st
             yield (*path, key), value
         else:
             yield from _poses(value, (*path, key))
-
-
-def _scene_problems(error: SceneError) -> list[Problem]:
-    return [Problem(pointer, error.detail, error.allowed) for pointer in error.pointers]
 
 
 def json_pointer(path: Iterable[str | int]) -> str:

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from planners.cell.cell import Cell
 from planners.collision.distance import distance
-from planners.errors import SceneError
+from planners.errors import SceneError, SceneFaults
 from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
@@ -130,7 +130,7 @@ def refuse_overlaps(
     allowed: Container[tuple[str, str]] = (),
     when: str = AT_START,
 ) -> None:
-    """Check every body of one group against every body of another.
+    """Check every body of one group against every body of another, and tell of all that overlap.
 
     Args:
         group: Bodies.
@@ -139,19 +139,26 @@ def refuse_overlaps(
         when: Ends the sentence that refuses.
 
     Raises:
-        BodiesOverlap: for the first pair, in the order given, that touches or overlaps.
+        BodiesOverlap: Pairs touch or overlap; the first of them, in the order given, is told first.
     """
-    overlap = first_overlap(group, others, allowed)
-    if overlap is not None:
-        raise BodiesOverlap(*overlap, when)
+    faults = SceneFaults()
+    for a, b in _overlaps(group, others, allowed):
+        faults.add(BodiesOverlap(a, b, when))
+    faults.raise_any()
 
 
 def first_overlap(
     group: Sequence[PlacedBody], others: Sequence[PlacedBody], allowed: Container[tuple[str, str]] = ()
 ) -> tuple[PlacedBody, PlacedBody] | None:
     """Return the first pair, in the order given, that touches or overlaps, as `refuse_overlaps` checks them."""
+    return next(_overlaps(group, others, allowed), None)
+
+
+def _overlaps(
+    group: Sequence[PlacedBody], others: Sequence[PlacedBody], allowed: Container[tuple[str, str]]
+) -> Iterator[tuple[PlacedBody, PlacedBody]]:
     pairs = _near(group, others, 0.0)
-    return next(((a, b) for a, b in pairs if sorted_pair(a.name, b.name) not in allowed and gap(a, b) <= 0.0), None)
+    return ((a, b) for a, b in pairs if sorted_pair(a.name, b.name) not in allowed and gap(a, b) <= 0.0)
 
 
 def refuse_inside(
@@ -172,12 +179,15 @@ def refuse_inside(
         when: ends the sentence that refuses.
 
     Raises:
-        BodyInCell: for the first pair, in the order given, that is deeper in one another than `TOUCHING`.
+        BodyInCell: Pairs are deeper in one another than `TOUCHING`; the first of them, in the order given, is told
+            first.
     """
+    faults = SceneFaults()
     for body, part in _near(bodies, cell, 0.0):
         allowed = TOUCHING + excess.get(body.name, 0.0) + excess.get(part.name, 0.0) + _ROUNDING
         if _box_depth(body, part) > allowed and (deep := depth(body, part)) > allowed:
-            raise BodyInCell(body, part, deep, when)
+            faults.add(BodyInCell(body, part, deep, when))
+    faults.raise_any()
 
 
 def _box_depth(a: PlacedBody, b: PlacedBody) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -17,7 +18,7 @@ from planners.contract.task_spec import (
     PlateLiftFriction,
     PlateLiftTask,
 )
-from planners.errors import SceneError
+from planners.errors import SceneError, SceneFaults
 from planners.geometry import polygon
 from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform
@@ -44,7 +45,7 @@ from planners.scene.placements import (
     start_positions,
     still_excess,
 )
-from planners.scene.rest import upper_surface
+from planners.scene.rest import LevelFace, upper_surface
 from planners.scene.shape_source import ShapeSource, Uploads
 
 FINGER_GAP = 0.008
@@ -122,15 +123,23 @@ def build_lift_scene(task: PlateLiftTask, cells: Mapping[str, Cell] | None, uplo
     """
     needed = "a plate lift needs a cell with one gripper and one stick"
     cell = find_cell(task.cell, cells, _lifts_plates, needed)
-    check_names(((obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)), cell)
+    gripper = cell.gripper(cell.gripper_arms[0])
     shapes = ShapeSource(uploads)
-    table = box_top(cell.boxes[0])
-    support = None if task.support is None else place_support(task.support, table, shapes)
-    plate, surface = place_plate(task, support, table)
+    named = [(obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)]
+    faults = SceneFaults()
+    faults.tried(lambda: check_names(named, cell))
+    faults.tried(lambda: _check_lifter(task, cell))
+    placed = [faults.tried(partial(place_obstacle, i, obstacle, shapes)) for i, obstacle in enumerate(task.obstacles)]
+    starts = faults.tried(lambda: start_positions(task.start_positions, cell))
+    resting = faults.tried(lambda: _resting_plate(task, cell, shapes))
+    if starts is None or resting is None:
+        raise faults.error()
+    support, plate, surface = resting
     if task.cup.position is None:
-        return _with_any_place(task, plate, lambda placed: build_lift_scene(placed, cells, uploads))
-    _check_pad(task, plate)
-    _check_lifter(task, cell)
+        faults.raise_any()
+        return _with_any_place(task, plate, lambda chosen: build_lift_scene(chosen, cells, uploads))
+    faults.tried(lambda: _check_pad(task, plate))
+    # With what is refused left out, for what else is wrong with the rest; nobody gets it then.
     scene = PlateLiftScene(
         cell=cell,
         plate=plate,
@@ -141,18 +150,27 @@ def build_lift_scene(task: PlateLiftTask, cells: Mapping[str, Cell] | None, uplo
         lifter_model=task.lifter_model,
         friction=task.friction,
         hand_force_limit=task.hand_force_limit,
-        squeeze=_squeeze(task, cell.gripper(cell.gripper_arms[0])),
+        squeeze=faults.tried(lambda: _squeeze(task, gripper)),
         mass_tolerance=task.plate.mass_tolerance,
         com_tolerance=task.plate.com_tolerance,
-        obstacles=tuple(place_obstacle(i, obstacle, shapes) for i, obstacle in enumerate(task.obstacles)),
-        start_positions=start_positions(task.start_positions, cell),
+        obstacles=tuple(body for body in placed if body is not None),
+        start_positions=starts,
         start_widths={name: _open_around(plate, cell) for name in cell.gripper_arms},
         seed=task.seed,
-        given_grips=settle_grips(task.options, plate, cell.gripper(cell.gripper_arms[0])),
-        given_pushes=settle_pushes(task.options, plate),
+        given_grips=faults.tried(lambda: settle_grips(task.options, plate, gripper)),
+        given_pushes=faults.tried(lambda: settle_pushes(task.options, plate)),
     )
-    _refuse_overlaps_at_start(scene)
+    if len(scene.obstacles) == len(placed):
+        _add_overlaps_at_start(scene, faults)
+    faults.raise_any()
     return scene
+
+
+def _resting_plate(task: PlateLiftTask, cell: Cell, shapes: ShapeSource) -> tuple[Body | None, PlateBody, LevelFace]:
+    """Return support and plate where they rest, and the surface that the plate rests on."""
+    table = box_top(cell.boxes[0])
+    support = None if task.support is None else place_support(task.support, table, shapes)
+    return support, *place_plate(task, support, table)
 
 
 def _with_any_place(
@@ -169,7 +187,7 @@ def _with_any_place(
         try:
             return build(task.with_cup_at(place))
         except SceneError as error:
-            if "/cup/position" not in error.pointers:
+            if not all("/cup/position" in each.pointers for each in error.all):
                 raise
             refused = refused if number else error
     raise refused
@@ -210,7 +228,7 @@ def _check_lifter(task: PlateLiftTask, cell: Cell) -> None:
         raise SceneError("/cup/max_force", detail)
 
 
-def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
+def _add_overlaps_at_start(scene: PlateLiftScene, faults: SceneFaults) -> None:
     """Let what the task places touch the cell, and what never moves overlap what else never moves.
 
     The plate, the cup, the cable and the arms must be clear of all but what they rest on.
@@ -224,9 +242,11 @@ def _refuse_overlaps_at_start(scene: PlateLiftScene) -> None:
     cable = [placed_at_start(scene.cup.cable, "/cup/position")]
     resting = {sorted_pair("plate", scene.support_name)}
     excess = still_excess(scene.cell) | {body.name: body.solid.excess for body in scene.bodies()}
-    refuse_inside([*support, *plate, *cup, *obstacles], fixed, excess)
-    refuse_overlaps(plate, [*fixed, *support, *obstacles], resting)
-    refuse_overlaps(cup, [*fixed, *support, *obstacles])
-    refuse_overlaps(cable, obstacles)
-    refuse_overlaps(arms, [*plate, *cup, *cable, *support, *obstacles])
-    still.refuse_overlaps()
+    faults.tried(lambda: refuse_inside([*support, *plate, *cup, *obstacles], fixed, excess))
+    faults.tried(lambda: refuse_overlaps(plate, [*fixed, *support, *obstacles], resting))
+    # What the plate is in, its cup and cable are in for that reason.
+    around = [body for body in (*support, *obstacles) if not faults.tells_of("/plate_pose", body.pointer)]
+    faults.tried(lambda: refuse_overlaps(cup, [*fixed, *around]))
+    faults.tried(lambda: refuse_overlaps(cable, [body for body in around if body in obstacles]))
+    faults.tried(lambda: refuse_overlaps(arms, [*plate, *cup, *cable, *support, *obstacles]))
+    faults.tried(still.refuse_overlaps)

@@ -9,7 +9,7 @@ import numpy as np
 from planners.cell.cell import Cell, StaticBox, known_cells, load_cell
 from planners.contract.shapes import Box
 from planners.contract.task_spec import Obstacle
-from planners.errors import SceneError
+from planners.errors import SceneError, SceneFaults
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform, from_pose7, transform
 from planners.scene.body import Body
@@ -77,30 +77,34 @@ def check_names(named: Iterable[tuple[str, str]], cell: Cell) -> None:
     """Check that (name, pointer) pairs are unique and not those of what is there anyway.
 
     Raises:
-        SceneError: at the first name that is taken.
+        SceneError: at the names that are taken.
     """
     taken = RESERVED_NAMES | cell.body_names
     seen: set[str] = set()
+    faults = SceneFaults()
     for name, pointer in named:
         if name in taken:
-            raise SceneError(pointer, f"the name {name} is reserved")
-        if name in seen:
-            raise SceneError(pointer, f"the name {name} is used twice")
+            faults.add(SceneError(pointer, f"the name {name} is reserved"))
+        elif name in seen:
+            faults.add(SceneError(pointer, f"the name {name} is used twice"))
         seen.add(name)
+    faults.raise_any()
 
 
 def start_positions(given: tuple[float, ...] | None, cell: Cell) -> Array:
     """Return where the (12,) joints start [rad]: at home unless the task says otherwise.
 
     Raises:
-        SceneError: A joint is beyond its limits.
+        SceneError: Joints are beyond their limits.
     """
     if given is None:
         return cell.home
     lower = np.concatenate([arm.position_min for arm in cell.arms.values()])
     upper = np.concatenate([arm.position_max for arm in cell.arms.values()])
     positions = np.array(given)
+    faults = SceneFaults()
     for i in np.flatnonzero((positions < lower) | (positions > upper)):
         detail = f"the joint's limits are {lower[i]:.6g} and {upper[i]:.6g} rad"
-        raise SceneError(f"/start_positions/{i}", detail)
+        faults.add(SceneError(f"/start_positions/{i}", detail))
+    faults.raise_any()
     return positions

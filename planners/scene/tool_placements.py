@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial import ConvexHull, KDTree
 
 from planners.cell.cell import Cell
 from planners.contract.task_spec import ObjectToMove, SuctionToolTask
-from planners.errors import SceneError
+from planners.errors import SceneError, SceneFaults
 from planners.geometry.convex import sorted_pair
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Body
@@ -103,26 +104,33 @@ def place_tool(
     return replace(tool.at(footing.T_world_body), supports=footing.supports)
 
 
-def place_objects(given: Sequence[ObjectToMove], still: StillBodies, shapes: ShapeSource) -> tuple[MovedObject, ...]:
+def place_objects(
+    given: Sequence[ObjectToMove], still: StillBodies, shapes: ShapeSource, faults: SceneFaults
+) -> tuple[MovedObject, ...] | None:
     """Settle all objects, at the start and at their goals, each on what stands still or on other objects.
 
-    Raises:
-        SceneError: An object rests on nothing, its centre of mass is outside it, goals overlap, or objects would fall
-            with what rests on them.
+    What is wrong is added to `faults`: an object rests on nothing, its centre of mass is outside it, goals overlap, or
+    objects would fall with what rests on them. None if objects could not be settled.
     """
-    bodies = [_body(one, f"/objects/{i}", shapes) for i, one in enumerate(given)]
-    starts = _settle_all(bodies, [body.T_world_body for body in bodies], still, _refuse_start)
-    _refuse_fall(bodies, starts, "pose", "at the start")
-    goals = _settle_all(bodies, [from_pose7(one.goal_pose) for one in given], still, _refuse_goal)
-    _refuse_fall(bodies, goals, "goal_pose", "at their goals")
+    made = [faults.tried(partial(_body, one, f"/objects/{i}", shapes)) for i, one in enumerate(given)]
+    bodies = [body for body in made if body is not None]
+    if len(bodies) < len(made):
+        return None
+    starts = _settle_all(bodies, [body.T_world_body for body in bodies], still, _refuse_start, faults)
+    goals = _settle_all(bodies, [from_pose7(one.goal_pose) for one in given], still, _refuse_goal, faults)
+    if starts is None or goals is None:
+        return None
+    faults.tried(lambda: _refuse_fall(bodies, starts, "pose", "at the start"))
+    faults.tried(lambda: _refuse_fall(bodies, goals, "goal_pose", "at their goals"))
     at_goals = [
         placed_body(body.collision_body(), goal.T_world_body, f"/objects/{i}/goal_pose")
         for i, (body, goal) in enumerate(zip(bodies, goals, strict=True))
     ]
     excess = still.excess | {body.name: body.solid.excess for body in bodies}
     supports = {body.name: goal.supports for body, goal in zip(bodies, goals, strict=True)}
-    refuse_inside(at_goals, still.cell, excess, "at its goal")
-    refuse_overlaps_but_rest(at_goals, [*still.bodies, *at_goals], supports, excess, "at its goal")
+    when = "at its goal"
+    faults.tried(lambda: refuse_inside(at_goals, still.cell, excess, when))
+    faults.tried(lambda: refuse_overlaps_but_rest(at_goals, [*still.bodies, *at_goals], supports, excess, when))
     pile = _GoalPile(bodies, goals, at_goals, still, Standing(still.places))
     objects = []
     for i, (one, start, goal) in enumerate(zip(given, starts, goals, strict=True)):
@@ -160,16 +168,18 @@ def refuse_overlaps_but_rest(
         when: ends the sentence that refuses.
 
     Raises:
-        BodiesOverlap: for a pair that overlaps.
+        BodiesOverlap: Pairs overlap.
     """
     resting = frozenset(sorted_pair(name, support) for name, below in supports.items() for support in below)
-    refuse_overlaps(group, [other for other in others if other not in group], resting, when)
-    refuse_overlaps(group, group, resting, when)
+    faults = SceneFaults()
+    faults.tried(lambda: refuse_overlaps(group, [other for other in others if other not in group], resting, when))
+    faults.tried(lambda: refuse_overlaps(group, group, resting, when))
     by_name = {other.name: other for other in (*others, *group)}
     for body in group:
         for support in supports[body.name]:
             height = RAISE + excess.get(body.name, 0.0) + excess.get(support, 0.0)
-            refuse_overlaps([raised(body, height)], [by_name[support]], (), when)
+            faults.tried(partial(refuse_overlaps, [raised(body, height)], [by_name[support]], (), when))
+    faults.raise_any()
 
 
 def _body(given: ObjectToMove, pointer: str, shapes: ShapeSource) -> Body:
@@ -228,19 +238,24 @@ def _refuse_goal(index: int, name: str, reason: str) -> SceneError:
 
 
 def _settle_all(
-    bodies: Sequence[Body], poses: Sequence[Transform], still: StillBodies, refuse: Refuse
-) -> list[Footing]:
-    """Settle bodies from the bottom up, each on what stands still and on those below it."""
+    bodies: Sequence[Body], poses: Sequence[Transform], still: StillBodies, refuse: Refuse, faults: SceneFaults
+) -> list[Footing] | None:
+    """Settle bodies from the bottom up, each on what stands still and on those below it.
+
+    None if any rests on nothing: all that do are added to `faults`, and not what rests on them.
+    """
     places = list(still.places)
     footings: dict[int, Footing] = {}
     for i in sorted(range(len(bodies)), key=lambda i: lowest_point(bodies[i].solid, poses[i])):
         body = bodies[i]
         footing = find_footing(body.solid, poses[i], body.com, places)
         if isinstance(footing, Unsupported):
-            raise refuse(i, body.name, footing.reason)
-        footings[i] = footing
-        places += level_places(body.name, body.solid, footing.T_world_body)
-    return [footings[i] for i in range(len(bodies))]
+            faults.add(refuse(i, body.name, footing.reason))
+            places += level_places(body.name, body.solid, poses[i])
+        else:
+            footings[i] = footing
+            places += level_places(body.name, body.solid, footing.T_world_body)
+    return [footings[i] for i in range(len(bodies))] if len(footings) == len(bodies) else None
 
 
 def _refuse_fall(bodies: Sequence[Body], footings: Sequence[Footing], member: str, when: str) -> None:

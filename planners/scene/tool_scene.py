@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 from planners.cell.cell import Cell
 from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
-from planners.errors import SceneError
+from planners.errors import SceneError, SceneFaults
 from planners.geometry.pose import Array
 from planners.scene.body import Body
-from planners.scene.clashes import CellAtStart, placed_at_start, refuse_inside, refuse_overlaps
+from planners.scene.clashes import AT_START, CellAtStart, placed_at_start, refuse_inside, refuse_overlaps
 from planners.scene.moved_object import MovedObject
 from planners.scene.placements import check_names, find_cell, place_obstacle, start_positions
 from planners.scene.shape_source import ShapeSource, Uploads, no_uploads
@@ -86,26 +87,39 @@ def build_tool_scene(
     cell = find_cell(task.cell, cells, _grips_with_both, "a suction tool needs a cell with two grippers")
     named = [(given.name, f"/objects/{i}/name") for i, given in enumerate(task.objects)]
     named += [(given.name, f"/obstacles/{i}/name") for i, given in enumerate(task.obstacles)]
+    # By them it is known below what rests on what.
     check_names(named, cell)
     shapes = ShapeSource(uploads)
-    obstacles = tuple(place_obstacle(i, given, shapes) for i, given in enumerate(task.obstacles))
-    still = StillBodies.of(cell, obstacles)
+    faults = SceneFaults()
+    placed = [faults.tried(partial(place_obstacle, i, given, shapes)) for i, given in enumerate(task.obstacles)]
+    obstacles = tuple(body for body in placed if body is not None)
     carry_force_limits = {name: _carry_force_limit(task, cell, name) for name in cell.gripper_arms}
+    squeeze = faults.tried(lambda: _squeeze(task, cell, max(carry_force_limits.values())))
+    starts = faults.tried(lambda: start_positions(task.start_positions, cell))
+    if len(obstacles) < len(placed):
+        # Whatever would stand on what is not there would be told to rest on nothing.
+        raise faults.error()
+    still = StillBodies.of(cell, obstacles)
+    tool = faults.tried(lambda: place_tool(task, cell, still, shapes, tools))
+    objects = place_objects(task.objects, still, shapes, faults)
+    if squeeze is None or starts is None or tool is None or objects is None:
+        raise faults.error()
     scene = SuctionToolScene(
         cell=cell,
-        tool=place_tool(task, cell, still, shapes, tools),
-        objects=place_objects(task.objects, still, shapes),
+        tool=tool,
+        objects=objects,
         friction=task.friction,
         grip_force_limit=task.grip_force_limit,
-        squeeze=_squeeze(task, cell, max(carry_force_limits.values())),
+        squeeze=squeeze,
         carry_force_limits=carry_force_limits,
         obstacles=obstacles,
-        start_positions=start_positions(task.start_positions, cell),
+        start_positions=starts,
         start_widths={name: cell.gripper(name).width_max for name in cell.gripper_arms},
         seed=task.seed,
         options=task.options,
     )
-    _refuse_overlaps_at_start(scene, still)
+    _add_overlaps_at_start(scene, still, faults)
+    faults.raise_any()
     return scene
 
 
@@ -129,7 +143,7 @@ def _carry_force_limit(task: SuctionToolTask, cell: Cell, arm: str) -> float:
     return most if task.carry_force_limit is None else min(most, task.carry_force_limit)
 
 
-def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> None:
+def _add_overlaps_at_start(scene: SuctionToolScene, still: StillBodies, faults: SceneFaults) -> None:
     """Let what the task places touch the cell, and what never moves overlap what else never moves.
 
     Tool, objects and arms must be clear of all but what they rest on.
@@ -141,7 +155,7 @@ def _refuse_overlaps_at_start(scene: SuctionToolScene, still: StillBodies) -> No
     excess = still.excess | {body.name: body.solid.excess for body in scene.bodies()}
     standing = [*moved, tool]
     obstacles = [body for body in still.bodies if body not in still.cell]
-    refuse_inside([*standing, *obstacles], still.cell, excess)
-    refuse_overlaps_but_rest(standing, [*still.bodies, *standing], supports, excess, "at the start")
-    refuse_overlaps(at_start.arms, [*standing, *obstacles])
-    at_start.refuse_overlaps()
+    faults.tried(lambda: refuse_inside([*standing, *obstacles], still.cell, excess))
+    faults.tried(lambda: refuse_overlaps_but_rest(standing, [*still.bodies, *standing], supports, excess, AT_START))
+    faults.tried(lambda: refuse_overlaps(at_start.arms, [*standing, *obstacles]))
+    faults.tried(at_start.refuse_overlaps)

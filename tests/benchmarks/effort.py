@@ -68,10 +68,10 @@ class Effort:
     service: bool = True
     lifters: int = bench_simulation.LIFTERS
     soaks: tuple[SoakEffort, ...] = (
-        SoakEffort("PostgreSQL", postgres=True, planned=True, rounds=2, jobs=60, kills=50),
         SoakEffort("PostgreSQL, made-up solvers", postgres=True, planned=False, rounds=14, jobs=150, kills=50),
-        SoakEffort("SQLite", postgres=False, planned=True, rounds=2, jobs=30, kills=25),
         SoakEffort("SQLite, made-up solvers", postgres=False, planned=False, rounds=6, jobs=75, kills=25),
+        SoakEffort("PostgreSQL", postgres=True, planned=True, rounds=2, jobs=60, kills=50),
+        SoakEffort("SQLite", postgres=False, planned=True, rounds=2, jobs=30, kills=25),
     )
     load: LoadEffort | None = LoadEffort()  # noqa: RUF009 - frozen
     fuzz_cases: int = 100_000

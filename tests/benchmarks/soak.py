@@ -36,6 +36,8 @@ TAG = "LIFTWRIGHT_SOAK"
 OUTSTANDING = 8
 """So many jobs are accepted and not finished, as long as there are more."""
 LONGEST_ORPHAN_SECONDS = 5.0
+LOST = {"done": True, "state": "lost", "attempts": 0, "error": None}
+"""What a plan is from then on that was accepted and is not there."""
 STALL_SECONDS = 600.0
 """No job ending for so long is a job that never ends [s]."""
 
@@ -236,12 +238,13 @@ class Client:
     def post(self, number: int, body: dict[str, Any]) -> None:
         """Post a task until it is accepted."""
         answer = self._insist("POST", "/v1/plans", json=body, headers={"Idempotency-Key": f"job-{number}"})
-        self.accepted[answer["id"]] = number
+        if answer is not None:
+            self.accepted[answer["id"]] = number
 
     def look(self) -> None:
         """Find out which jobs have ended."""
         for plan_id in [each for each in self.accepted if each not in self.ended]:
-            plan = self._insist("GET", f"/v1/plans/{plan_id}")
+            plan = self._insist("GET", f"/v1/plans/{plan_id}") or LOST
             if plan["done"]:
                 self.ended[plan_id] = plan
 
@@ -270,7 +273,8 @@ class Client:
         """What has happened so far."""
         return self._figures
 
-    def _insist(self, method: str, path: str, **request: Any) -> dict[str, Any]:
+    def _insist(self, method: str, path: str, **request: Any) -> dict[str, Any] | None:
+        """Ask until there is an answer; None if it is another one than was promised, which is noted."""
         while True:
             try:
                 answer = self._http.request(method, path, **request)
@@ -281,6 +285,7 @@ class Client:
                     return answer.json()
                 if answer.status_code != 503:
                     self.fault(f"{method} {path} was answered with {answer.status_code}: {answer.text[:200]}")
+                    return None
                 self._figures.unavailable += 1
             time.sleep(0.1)
 

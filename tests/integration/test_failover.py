@@ -6,14 +6,20 @@ import signal
 import threading
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import httpx
 import pytest
+from sqlalchemy.exc import OperationalError
 from support.postgres import needs_postgres, running_postgres
 from support.service import FAKE_SOLVER, finished, running_service, task, wait_for
 from support.worker import WorkerProcess
+
+from workers.settings import WorkerSettings
+from workers.stores.database import open_database
+from workers.stores.job_queue import JobQueue
+from workers.stores.plan_store import PlanStore
 
 pytestmark = [needs_postgres, pytest.mark.slow]
 SETTINGS = {"worker_slots": 2, "watch_seconds": 0.5, "patience_seconds": 3.0}
@@ -40,6 +46,46 @@ class Poster(threading.Thread):
                         break
                     self.refused[answer.status_code] += 1
                     time.sleep(0.2)
+
+
+def test_a_request_that_is_made_again_is_answered_once_the_standby_has_what_it_made(tmp_path: Path) -> None:
+    """A primary that was killed while it waited for its standby shows afterwards what the standby has not got."""
+    with ExitStack() as stack:
+        primary = stack.enter_context(running_postgres())
+        database = open_database(WorkerSettings.model_validate({"data_dir": tmp_path, "database_url": primary.url}))
+        stack.callback(database.close)
+        queue = JobQueue(database)
+        stack.callback(queue.close)
+        store = PlanStore(database)
+        standby = stack.enter_context(primary.with_standby())
+        standby.stop()
+        answered: list[str] = []
+
+        def post() -> None:
+            with suppress(OperationalError):
+                answered.append(store.accept(task(), "order", queue).id)
+
+        first = threading.Thread(target=post)
+        first.start()
+        first.join(2.0)
+        assert first.is_alive(), "it waits for the standby"
+        primary.kill()
+        first.join()
+        primary.start()
+        wait_for(lambda: store.by_key("order") is not None, 30.0)
+        again = threading.Thread(target=post)
+        again.start()
+        again.join(2.0)
+        assert not answered
+        standby.start()
+        again.join(30.0)
+        primary.kill()
+        standby.promote()
+        taken_over = {"data_dir": tmp_path, "database_url": standby.url}
+        promoted = open_database(WorkerSettings.model_validate(taken_over))
+        stack.callback(promoted.close)
+        assert [plan.id for plan in PlanStore(promoted).newest(9, None)] == answered
+        assert len(answered) == 1
 
 
 @pytest.mark.parametrize("killed", [True, False], ids=["killed", "shut down"])

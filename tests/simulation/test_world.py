@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from planners.kinematics.forward import flange_pose, jacobian
+from workers.simulation.bullet import bullet
 from workers.simulation.settings import SimulationSettings
 from workers.simulation.world import LiftWorld
 
@@ -25,6 +26,37 @@ def test_the_plate_rests_where_it_was_put_and_the_support_bears_its_weight(scene
         advance(world, scene, 0.5)
         assert world.plate.T_world_body == pytest.approx(scene.T_world_plate, abs=3e-4)
         assert world.resting_force() == pytest.approx([0.0, 0.0, scene.plate.mass * 9.81], abs=0.05)
+
+
+def test_what_a_hand_does_to_the_plate_but_for_its_tip_is_what_changes_its_momentum(scene) -> None:
+    """The plate is pressed from below against the end of the stick, beside its middle, and touches nothing else."""
+    mass, step = scene.plate.mass, SETTINGS.step
+    press = np.array([0.0, 0.0, 1.5 * mass * 9.81, 0.0, 0.0, 0.0])
+    with LiftWorld(scene, SETTINGS) as world:
+        assert world.knock("left") is None
+        T_world_flange, _ = world.hand("left", np.eye(4))
+        stick = scene.cell.arms["left"].hand.stick
+        ends = stick.vertices @ T_world_flange[:3, :3].T + T_world_flange[:3, 3]
+        lowest = ends[ends[:, 2].argmin()]
+        place = lowest + np.array([0.05, 0.0, -stick.radius - 0.5 * scene.plate.height - 1e-3])
+        bullet.resetBasePositionAndOrientation(
+            world.plate.id, place.tolist(), [0, 0, 0, 1], physicsClientId=world.client
+        )
+        world.plate.forget()
+        knocks = 0
+        for _ in range(60):
+            before = world.plate.motion.copy()
+            world.plate.push(press, before[3])
+            advance(world, scene, step)
+            after, knock = world.plate.motion, world.knock("left")
+            force = mass * ((after[4] - before[4]) / step + [0.0, 0.0, 9.81]) - press[:3]
+            knocks += knock is not None
+            knock = np.zeros(6) if knock is None else knock
+            assert knock[:3] == pytest.approx(force, abs=0.01 * np.linalg.norm(force) + 1e-6)
+            # The stick is beside the middle towards -x, and pushes down.
+            assert (knock[4] < 0.0) == (knock[2] < 0.0)
+            assert world.resting_force() == pytest.approx(np.zeros(3))
+    assert knocks > 5
 
 
 def test_arms_that_are_told_to_stand_stand(scene) -> None:

@@ -71,6 +71,9 @@ class SimulatedHand(ABC):
         self.sensor = ForceSensor(rng, settings.sensor)
         self.reading = np.zeros(6)
         """(6,) last reading of the sensor: wrench on the plate about the contacts' middle, world axes [N, Nm]."""
+        self.knock: Array | None = None
+        """(6,) what else of the hand than pads and tip did to the plate when the sensor was read last, about the
+        plate's centre of mass, world axes [N, Nm]; None: it is clear of the plate."""
         self.touch: Touch
         self.T_flange_hand: Transform
         self._forward, self._trim = np.zeros(6), np.zeros(6)
@@ -82,15 +85,21 @@ class SimulatedHand(ABC):
     @property
     def force(self) -> Array:
         """(3,) true force on the plate, world axes [N]."""
-        return self.touch.force
+        return self.touch.force if self.knock is None else self.touch.force + self.knock[:3]
 
     @abstractmethod
     def update(self, moment: PlannedMoment, T_world_hand: Transform, plate: Motion) -> None:
         """Get hold of the plate, or let it go, as the plan says."""
 
-    def sense(self, R_world_plate: Array) -> None:
-        """Take a reading, with the plate's orientation (3, 3) of now."""
-        self.reading = self.sensor.read(self.touch.wrench(R_world_plate))
+    def sense(self, R_world_plate: Array, knock: Array | None) -> None:
+        """Take a reading, with the plate's orientation (3, 3) of now and what else of the hand touches it (`knock`)."""
+        self.knock = knock
+        wrench = self.touch.wrench(R_world_plate)
+        if knock is not None:
+            # A sensor cannot tell by what of its hand it is pushed.
+            wrench += knock
+            wrench[3:] -= np.cross(R_world_plate @ self.touch.anchors.mean(axis=0), knock[:3])
+        self.reading = self.sensor.read(wrench)
 
     def track(self, wrench: Array | None, R_world_plate: Array) -> None:
         """Take one period of the admittance towards a planned wrench (6,), world axes; None: bear nothing."""

@@ -163,7 +163,7 @@ class LiftExecution:
             for hand in self.hands:
                 hand.track(wanted(hand.arm.name, moment), reference.plate_rotation(moment))
                 self._corrections[hand.joints] = hand.correction(positions[hand.joints])
-                hand.sense(plate[:3])
+                hand.sense(plate[:3], self.world.knock(hand.arm.name))
         cup = wanted("cup", moment)
         assert cup is not None
         point, velocity = reference.cup_point(moment), reference.cup_velocity(moment)
@@ -193,7 +193,7 @@ class LiftExecution:
                 lift.command(sum(float(hand.reading[2]) for hand in self.hands))
                 rotation = self.world.plate.motion[:3]
                 for hand in self.hands:
-                    hand.sense(rotation)
+                    hand.sense(rotation, self.world.knock(hand.arm.name))
             height, speed = lift.lifter(self.time)
             wrench = self.lifter.hoist(height, speed, self.world.plate.motion)
             failure = self._step(*lift.advance(self.settings.step), wrench, self._last)

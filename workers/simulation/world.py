@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numba import njit
@@ -187,6 +187,15 @@ class CellWorld:
         self._surface(body)
 
 
+def _force(contact: Sequence[Any]) -> Array:
+    """Return the (3,) force on the first body of a contact as PyBullet tells of it [N]."""
+    total = np.zeros(3)
+    # The normal points from the second body to the first; friction is told as it acts on the second.
+    for size, axis in ((contact[9], contact[7]), (-contact[10], contact[11]), (-contact[12], contact[13])):
+        total += size * np.array(axis)
+    return total
+
+
 @njit(cache=True, nogil=True)
 def _move_frame(dh, T_world_base, q, velocities, T_flange_frame, T_world_frame, twist):
     """Write what `frame_motion` returns: arrays that are returned cost more than that."""
@@ -224,12 +233,23 @@ class LiftWorld(CellWorld):
 
     def resting_force(self) -> Array:
         """Return the (3,) force of everything that stands still on the plate in the last step [N]."""
-        total = np.zeros(3)
-        for contact in bullet.getContactPoints(bodyA=self.plate.id, physicsClientId=self.client):
-            # The normal points from B to A, the plate; friction is told as it acts on B.
-            for size, axis in ((contact[9], contact[7]), (-contact[10], contact[11]), (-contact[12], contact[13])):
-                total += size * np.array(axis)
-        return total
+        arms, plate = set(self._arms.values()), self.plate.id
+        touching = bullet.getContactPoints(bodyA=plate, physicsClientId=self.client)
+        return sum((_force(each) for each in touching if each[2] not in arms), np.zeros(3))
+
+    def knock(self, arm: str) -> Array | None:
+        """Return the wrench on the plate of an arm's hand in the last step, but for pads and tip; None: it is clear.
+
+        (6,), about the plate's centre of mass, world axes [N, Nm].
+        """
+        touching = bullet.getContactPoints(
+            bodyA=self.plate.id, bodyB=self._arms[arm], linkIndexB=_LAST_LINK, physicsClientId=self.client
+        )
+        if not touching:
+            return None
+        center = self.plate.motion[3]
+        forces = [(_force(each), np.array(each[5]) - center) for each in touching]
+        return sum((np.concatenate([force, np.cross(place, force)]) for force, place in forces), np.zeros(6))
 
 
 class ToolWorld(CellWorld):

@@ -115,6 +115,16 @@ class Database:
         with self.engine.begin() as transaction:
             return transaction.execute(statement).rowcount
 
+    def confirm(self) -> None:
+        """Return once nothing that was read before can be lost any more; whoever answers by what was read calls it.
+
+        A server whose commits wait for a standby shows after a crash what it had committed and the standby has not got
+        yet. Whatever is committed after that comes behind it in the log, and waits for both.
+        """
+        if self.embedded_in is None:
+            with self.engine.begin() as transaction:
+                transaction.execute(sa.text("SELECT pg_logical_emit_message(true, 'liftwright', '')"))
+
     def require_writable(self) -> None:
         """Raise what `DATABASE_GONE` lists if it cannot be reached, or takes no writes."""
         if self.embedded_in is not None:

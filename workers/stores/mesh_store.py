@@ -29,7 +29,8 @@ class MeshStore:
         try:
             self._database.write(sa.insert(MESHES).values(row))
         except IntegrityError:
-            pass  # The same content has the same id.
+            # The same content has the same id.
+            self._database.confirm()
 
     def get(self, mesh_id: str) -> SolidMesh | None:
         """Return a mesh."""

@@ -319,10 +319,10 @@ class PlanStore:
     ) -> list[Accepted | NoRoom]:
         """Store tasks with what is kept of their requests and enqueue their jobs, all in one transaction.
 
-        The same key of an owner again returns the plan it made, without its place. The owner's webhooks that want to
-        know of all plans are told when a job ends, and the one that is named by its order. The caller compares
-        `sent_fingerprint`, of what it was sent before defaults were filled in, to learn whether the key was used for
-        another task.
+        The same key of an owner again returns the plan it made, without its place, once that cannot be lost. The
+        owner's webhooks that want to know of all plans are told when a job ends, and the one that is named by its
+        order. The caller compares `sent_fingerprint`, of what it was sent before defaults were filled in, to learn
+        whether the key was used for another task.
 
         Args:
             submissions: no key of an owner more than once.
@@ -331,16 +331,23 @@ class PlanStore:
         """
         try:
             with self._database.engine.begin() as transaction:
-                return self._accept(transaction, submissions, queue, room)
+                answers = self._accept(transaction, submissions, queue, room)
         except IntegrityError:
             # Another process has stored a plan under one of the keys since they were looked up.
             if not any(each.key for each in submissions):
                 raise
+        else:
+            accepted = [each for each in answers if isinstance(each, Accepted)]
+            if accepted and not any(each.is_new for each in accepted):
+                # Nothing was written: these were stored by requests that may have had no answer.
+                self._database.confirm()
+            return answers
         if len(submissions) > 1:
             return [accepted for each in submissions for accepted in self.accept_all([each], queue, room)]
         known = self._by_keys([submissions[0].key or ""])
         if not known:
             raise KeyTaken(submissions[0].plan_id)
+        self._database.confirm()
         return [Accepted(record, None, is_new=False) for record in known.values()]
 
     def _accept(

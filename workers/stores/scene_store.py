@@ -57,7 +57,8 @@ class SceneStore:
         try:
             self._database.write(sa.insert(SCENES).values(row))
         except IntegrityError:
-            pass  # The same scan gives the same scene.
+            # The same scan gives the same scene.
+            self._database.confirm()
 
     def touch(self, scene_id: str) -> None:
         """Note that the scan of a scene was posted again: from now on it is kept as long as a new one."""

@@ -69,9 +69,13 @@ class StudyStore:
     def accept(
         self, study: Study, idempotency_key: str | None, owner: str | None, sent_fingerprint: str
     ) -> StudyRecord:
-        """Store a study and enqueue its parts, all or nothing. The same key of an owner again returns what it made."""
+        """Store a study and enqueue its parts, all or nothing.
+
+        The same key of an owner again returns what it made, once that cannot be lost.
+        """
         known = self.by_key(idempotency_key, owner)
         if known is not None:
+            self._database.confirm()
             return known
         values = {
             "id": uuid.uuid4().hex,
@@ -95,6 +99,7 @@ class StudyStore:
             known = self.by_key(idempotency_key, owner)
             if known is None:
                 raise
+            self._database.confirm()
             return known
         record = self.get(values["id"])
         assert record is not None
