@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.service import ServiceProcess, finished, running_service, warmed
 
-from tests.support.scan_frames import SHIPPED, Scan, tissue_boxes
+from tests.support.scan_frames import PILES, SHIPPED, Scan, pile
 
 pytestmark = pytest.mark.slow
 REACHED = 1e-3
@@ -24,15 +24,16 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess
 
 @pytest.fixture(scope="module")
 def scan() -> Scan:
-    return tissue_boxes(seed=7)
+    return pile(seed=7)
 
 
-def test_three_boxes_and_a_tool_that_cameras_see_are_piled_up_by_a_certified_plan(
-    service: ServiceProcess, scan: Scan
+@pytest.mark.parametrize("name", PILES)
+def test_objects_and_a_tool_that_cameras_see_are_piled_up_by_a_certified_plan(
+    service: ServiceProcess, name: str
 ) -> None:
     with service.client() as client:
-        scene = posted(client, scan)
-        task = json.loads((SHIPPED / "tissue_boxes" / "task.json").read_text())
+        scene = posted(client, pile(name, seed=7))
+        task = json.loads((SHIPPED / name / "task.json").read_text())
         answer = client.post("/v1/plans", json={**task, "scene_id": scene["id"]})
         assert answer.status_code == 202, answer.text
         plan = finished(client, answer.json())

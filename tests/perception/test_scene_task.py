@@ -18,7 +18,7 @@ from planners.geometry.pose import from_pose7
 from planners.perception.perceive import PerceivedScene, perceive
 from planners.perception.scene_task import fill_from_scene
 from planners.scene.scene import build_scene
-from tests.support.scan_frames import SHIPPED, shipped
+from tests.support.scan_frames import PILES, SHIPPED, shipped
 
 GOAL = [0.38, 0.0, 1.124, 1.0, 0.0, 0.0, 0.0]
 
@@ -42,6 +42,20 @@ def scene(perceived: PerceivedScene) -> SceneDocument:
 def task(*detections: str, **members: Any) -> dict[str, Any]:
     objects = [{"detection": name, "mass": 0.3, "goal_pose": GOAL} for name in detections]
     return {"kind": "suction_tool", "scene_id": "seen", "objects": objects, **members}
+
+
+@pytest.mark.parametrize("name", PILES)
+def test_every_shipped_scan_shows_its_objects_and_its_task_fits_it(name: str, cell: Cell) -> None:
+    kind, size, places = PILES[name]
+    scan = shipped(name)
+    seen = perceive(read_scan(scan.description), scan.files, cell).document
+    assert len(seen.objects) == len(places)
+    for each in seen.objects:
+        assert each.shape.type == kind
+        extents = each.shape.size if each.shape.type == "box" else (*2 * [2 * each.shape.radius], each.shape.height)
+        np.testing.assert_allclose(extents, size, atol=0.005)
+    body = json.loads((SHIPPED / name / "task.json").read_text())
+    build_scene(read_task(fill_from_scene({**body, "scene_id": "seen"}, seen, cell)))
 
 
 def changed(scene: SceneDocument, **members: Any) -> SceneDocument:

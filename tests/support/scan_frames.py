@@ -1,4 +1,4 @@
-"""Scans as files: what a service is sent, made from simulated cameras; run it to draw the shipped scan anew."""
+"""Scans as files: what a service is sent, made from simulated cameras; run it to draw the shipped scans anew."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import math
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from planners.perception.camera import Camera
 from planners.perception.marker_board import MarkerBoard
 from tests.support.colour_camera import eye_camera, looking_at, studio, window_round
 from tests.support.depth_camera import TABLE_CENTER, TABLE_SIZE, TABLE_TOP, Block, Thing, cylinder, overhead_camera
-from tests.support.table_frames import TISSUE_BOX, Frame, TrueObject, on_table, seen
+from tests.support.table_frames import CAN, DOMINO, TISSUE_BOX, Frame, TrueObject, on_table, seen
 
 SHIPPED = Path(__file__).resolve().parents[2] / "assets" / "scans"
 QUARTER = 0.5 * math.pi
@@ -82,12 +82,21 @@ def tool_board() -> tuple[MarkerBoard, MarkersSpec]:
     return MarkerBoard(markers.dictionary, markers.ids, markers.columns, markers.marker, markers.gap), markers
 
 
-def tissue_boxes(seed: int = 1) -> Scan:
-    """Return a scan of three tissue boxes and the tool in its rest, each image cut to what matters."""
+PILES: Mapping[str, tuple[str, tuple[float, float, float], Sequence[tuple[float, float]]]] = {
+    "tissue_boxes": ("box", TISSUE_BOX, ((0.30, 0.30), (0.30, -0.30), (0.47, 0.30))),
+    "dominoes": ("box", DOMINO, ((0.30, 0.30), (0.30, -0.30), (0.47, 0.30))),
+    "cans": ("cylinder", CAN, ((0.30, 0.30), (0.30, -0.30))),
+}
+"""Kind, size and places on the table of the objects of each shipped scan [m]."""
+
+
+def pile(name: str = "tissue_boxes", seed: int = 1) -> Scan:
+    """Return a scan of some objects of one kind and of the tool in its rest, each image cut to what matters."""
+    kind, size, places = PILES[name]
     rng = np.random.default_rng(seed)
     objects = [
-        TrueObject("box", TISSUE_BOX, on_table(x, y, TISSUE_BOX[2], QUARTER + rng.uniform(-0.1, 0.1)))
-        for x, y in ((0.30, 0.30), (0.30, -0.30), (0.47, 0.30))
+        TrueObject(kind, size, on_table(x, y, size[2], QUARTER + rng.uniform(-0.1, 0.1)), is_can=size == CAN)
+        for x, y in places
     ]
     T_world_tool = transform(rotation_z(0.15), [0.221, 0.001, TABLE_TOP])
     frame = seen(objects, overhead_camera(), rng, others=tool_in_rest(T_world_tool))
@@ -95,7 +104,7 @@ def tissue_boxes(seed: int = 1) -> Scan:
     picture, eye = _picture_of_tool(T_world_tool, rng)
     files = {"depth": depth_png(depth), "colour": cv2.imencode(".png", picture)[1].tobytes()}
     description = {
-        "external_id": "tissue_boxes",
+        "external_id": name,
         "cell": "dual_ur3e_tool",
         "tool": "long_symmetric",
         "colour": described(eye),
@@ -132,12 +141,13 @@ def _cut(image: Array, camera: Camera, window: tuple[int, int, int, int]) -> tup
 
 
 def main(folder: Path) -> None:
-    scan = tissue_boxes()
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scan.json").write_text(json.dumps(scan.description, indent=2) + "\n")
-    for part, content in scan.files.items():
-        (folder / f"{part}.png").write_bytes(content)
+    for name in PILES:
+        scan = pile(name)
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        (folder / name / "scan.json").write_text(json.dumps(scan.description, indent=2) + "\n")
+        for part, content in scan.files.items():
+            (folder / name / f"{part}.png").write_bytes(content)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else SHIPPED / "tissue_boxes")
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else SHIPPED)
