@@ -9,7 +9,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 from support.browser import (
     LOADING_MILLISECONDS,
     WINDOWS,
@@ -102,6 +102,18 @@ def show(page: Page, name: str, address: str) -> None:
         page.locator("#sentences li").first.wait_for()
     elif name == "start":
         page.locator("#capabilities dd").first.wait_for()
+
+
+@pytest.mark.parametrize(("name", "scenes"), [("ab1", 1), ("editor", 1), ("comparison", 2)])
+def test_a_page_says_that_no_scene_is_drawn_where_none_is(
+    name: str, scenes: int, window: Page, addresses: dict[str, str]
+) -> None:
+    show(window, name, addresses[name])
+    told = window.locator(".undrawn")
+    expect(told).to_have_count(scenes)
+    for each in told.all():
+        expect(each).to_contain_text("WebGL")
+        expect(each).to_be_visible()
 
 
 @pytest.mark.parametrize("name", PAGES)

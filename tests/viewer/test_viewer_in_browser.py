@@ -132,6 +132,10 @@ def document_of(service: ServiceProcess, plan: dict[str, Any]) -> dict[str, Any]
         return client.get(plan["links"]["document"]).raise_for_status().json()
 
 
+def test_nothing_is_said_of_a_scene_that_is_drawn(page: Page) -> None:
+    assert page.locator(".undrawn").count() == 0
+
+
 def test_the_slider_moves_robot_and_curves(page: Page) -> None:
     before, lines = settled(page), now_lines(page)
     assert len(lines) == 4

@@ -22,6 +22,8 @@ function adoptFrame(frame, onkey) {
   };
   frame.addEventListener("load", look);
   setInterval(look, 250);
+  if (rendererName() === null)
+    frame.after(element("p", { className: "undrawn" }, "No scene is drawn here: this browser has no WebGL 2, or it is switched off."));
 }
 
 /** Make an element with properties and children. */
@@ -49,12 +51,18 @@ function drawsLightly() {
   return JSON.parse(localStorage.getItem(LIGHT_KEY)) ?? drawsInSoftware();
 }
 
-/** Whether this machine draws without a graphics card. */
+/** Whether this machine draws without a graphics card, or not at all. */
 function drawsInSoftware() {
+  const name = rendererName();
+  return name === null || /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
+/** What draws scenes in this browser; null: nothing does. */
+function rendererName() {
   const context = document.createElement("canvas").getContext("webgl2");
-  if (!context) return true;
+  if (!context) return null;
   const told = context.getExtension("WEBGL_debug_renderer_info");
   const name = context.getParameter(told ? told.UNMASKED_RENDERER_WEBGL : context.RENDERER);
   context.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+  return name;
 }
