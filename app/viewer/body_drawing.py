@@ -428,7 +428,9 @@ def _draw_part(scene: SceneApi, name: str, file: GripperFile | JawsFile, part: s
 
 
 def _draw_sensor(scene: SceneApi, hand: Gripper | Pusher, flange: str) -> float:
-    """Draw the force-torque sensor and return how far it reaches from the flange [m]."""
+    """Draw the force-torque sensor, if there is one, and return how far it reaches from the flange [m]."""
+    if hand.sensor is None:
+        return 0.0
     vertices, faces = hull_with_faces(hand.sensor.vertices)
     scene.add_mesh_simple(f"{flange}/sensor", vertices, faces, color=SENSOR_COLOUR, flat_shading=True)
     return float(vertices[:, 2].max())

@@ -287,7 +287,8 @@ def _hand_parts(arm: Arm) -> Iterator[_WrittenLink]:
             yield _WrittenLink(body.name, name, np.eye(4), shapes=body.shapes, colour="hand")
         yield _WrittenLink(f"{arm.name}_tcp", name, hand.T_flange_tcp)
         return
-    yield _WrittenLink(f"{arm.name}_ft300", name, np.eye(4), shapes=(hand.sensor,), colour="hand")
+    if hand.sensor is not None:
+        yield _WrittenLink(f"{arm.name}_ft300", name, np.eye(4), shapes=(hand.sensor,), colour="hand")
     base = f"{arm.name}_gripper_base"
     yield _WrittenLink(base, name, transform(None, [0.0, 0.0, hand.base_height]), shapes=(hand.base,), colour="hand")
     for finger in range(len(FINGER_SIDES)):

@@ -76,7 +76,8 @@ class WorkerProcess:
             self.process.send_signal(number)
             code = self.process.wait(timeout=120)
             self.process = None
-            assert code == (0 if number is signal.SIGTERM else -number), self.log[-2000:]
+            expected = 0 if number is signal.SIGTERM else -number
+            assert code == expected, f"the worker ended with {code} and not {expected}: {self.log[-2000:]}"
 
     def _works(self) -> bool:
         assert self.process is not None

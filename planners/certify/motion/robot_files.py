@@ -110,7 +110,7 @@ class GripperRecord(_Record):
     """A gripper whose fingers are four-bar linkages."""
 
     kind: Literal["gripper"]
-    sensor: str
+    sensor: str | None = None
     pad_size: _Triple
     """Width, thickness in the opening direction, length [m]."""
     linkage: LinkageRecord
@@ -121,7 +121,7 @@ class JawsRecord(_Record):
     """A gripper whose fingers slide; from where it is bolted to the sensor, the finger at +y, closed [m]."""
 
     kind: Literal["jaws"]
-    sensor: str
+    sensor: str | None = None
     pad_size: _Triple
     """Width, thickness in the opening direction, length [m]."""
     pad_height: float
@@ -136,7 +136,7 @@ class StickRecord(_Record):
     """A rod along the flange's z axis with a round tip [m]."""
 
     kind: Literal["stick"]
-    sensor: str
+    sensor: str | None = None
     tip_distance: float
     """From the flange to the tip's pole."""
     tip_radius: float

@@ -207,8 +207,8 @@ class ArmSurfaces:
 
     links: tuple[tuple[ConvexPart, ...], ...]
     """Seven links of one hull or more; number i in the frame after i joints (0 = base)."""
-    sensor: ConvexPart
-    """In the flange frame."""
+    sensor: ConvexPart | None
+    """In the flange frame; None: the hand has none."""
     sensor_length: float
     """Coupling and sensor, from the flange to the base of gripper or stick [m]."""
     gripper: GripperSurfaces | None
@@ -250,12 +250,11 @@ class _AssetReader:
 
     def arm(self, robot: str, hand: str) -> ArmSurfaces:
         held = self._read("hands", hand, HandRecord).root
-        sensor = self._read("sensors", held.sensor, SensorRecord)
-        length = sensor.length
-        round_sensor = cylinder(sensor.radius, length).parts[0]
+        sensor = None if held.sensor is None else self._read("sensors", held.sensor, SensorRecord)
+        length = 0.0 if sensor is None else sensor.length
         return ArmSurfaces(
             links=self._links(robot),
-            sensor=convex_part(np.add(round_sensor.vertices, [0.0, 0.0, length / 2])),
+            sensor=None if sensor is None else _sensor(sensor),
             sensor_length=length,
             gripper=None if isinstance(held, StickRecord) else self._gripper(held, length),
             stick=_stick(held) if isinstance(held, StickRecord) else None,
@@ -334,6 +333,11 @@ class _AssetReader:
 
     def _mesh_vertices(self, mesh: MeshRecord) -> Array:
         return mesh.scale * _vertices(self._file_of(mesh))
+
+
+def _sensor(described: SensorRecord) -> ConvexPart:
+    around = cylinder(described.radius, described.length).parts[0].vertices
+    return convex_part(np.add(around, [0.0, 0.0, described.length / 2]))
 
 
 def _stick(held: StickRecord) -> StickSurfaces:

@@ -117,7 +117,8 @@ def solids_of(plan: PlanView, surfaces: RobotSurfaces) -> list[ConvexSolid]:
         for index, (link, hulls) in enumerate(zip(LINKS, known.links, strict=True)):
             solids += [polytope(f"{arm}_{link}", "link", Frame("link", arm, index), hull) for hull in hulls]
         flange = Frame("link", arm, 6)
-        solids.append(polytope(f"{arm}_ft300", "hand", flange, known.sensor))
+        if known.sensor is not None:
+            solids.append(polytope(f"{arm}_ft300", "hand", flange, known.sensor))
         if arm in plan.grippers:
             gripper = gripper_of(arm, surfaces)
             solids.append(polytope(f"{arm}_gripper_base", "hand", flange, gripper.base))
