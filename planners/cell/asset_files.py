@@ -28,6 +28,8 @@ PositiveNumber = Annotated[float, Field(gt=0.0, le=1e4)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e4)]
 Triple = tuple[Number, Number, Number]
 Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
+Stroke = Annotated[float, Field(gt=0.0, le=1.0)]
+"""Of a gripper [m]: where its pads are is kept for every millimetre."""
 PositionLimit = Annotated[float, Field(ge=-540.0, le=540.0)]
 """[deg]: a whole turn away from any position in (-180, 180], and no further; who has more states less."""
 AxisAngle = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -41,6 +43,8 @@ LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", 
 """In the order of the frames they move with."""
 ARM_NAMES: tuple[ArmSide, ...] = ("left", "right")
 """In the order of their joints."""
+MOST_BODIES = 200
+"""Of a platform, and as many columns: each is checked against all that moves, and pairs take time and memory."""
 
 
 JOINTS = 6
@@ -147,9 +151,10 @@ class PiecesLinkFile(_Part):
 
 
 def _kind_of_link(link: Any) -> str:
-    if isinstance(link, CylinderLinkFile) or "cylinders" in link:
+    members = link if isinstance(link, Mapping) else ()
+    if isinstance(link, CylinderLinkFile) or "cylinders" in members:
         return "[cylinders]"
-    return "[pieces]" if isinstance(link, PiecesLinkFile) or "pieces" in link else "[mesh]"
+    return "[pieces]" if isinstance(link, PiecesLinkFile) or "pieces" in members else "[mesh]"
 
 
 LinkFile = Annotated[
@@ -282,7 +287,8 @@ class GripperFile(_HandFile):
     """Least and greatest grip force [N]."""
     squeeze: PositiveNumber
     """Grip force that is commanded where no task says otherwise [N]."""
-    width_max: PositiveNumber
+    width_max: Stroke
+    """How far the pads' inner faces are apart at most [m]."""
     linkage: LinkageFile
     pad_size: Lengths
     """Width, thickness in the opening direction, length [m]."""
@@ -309,8 +315,8 @@ class JawsFile(_HandFile):
     """Least and greatest grip force [N]."""
     squeeze: PositiveNumber
     """Grip force that is commanded where no task says otherwise [N]."""
-    width_max: PositiveNumber
-    """Stroke [m]."""
+    width_max: Stroke
+    """How far the pads' inner faces are apart at most [m]."""
     pad_size: Lengths
     """Width, thickness in the opening direction, length [m]."""
     pad_height: PositiveNumber
@@ -385,7 +391,7 @@ class FrameFile(_Part):
 
     profile: PositiveNumber
     height: PositiveNumber
-    columns: tuple[tuple[Number, Number], ...]
+    columns: Annotated[tuple[tuple[Number, Number], ...], Field(max_length=MOST_BODIES)]
     """Centres [x, y] on the floor [m]."""
 
 
@@ -394,7 +400,7 @@ class MountFile(Asset):
 
     arms: dict[ArmSide, ArmMountFile]
     table: BoxFile
-    platform: dict[AssetName, StillBodyFile]
+    platform: Annotated[dict[AssetName, StillBodyFile], Field(max_length=MOST_BODIES)]
     """What the arms are mounted on, and whatever else never moves: pedestals, fences, the legs of the table."""
     frame: FrameFile
 

@@ -258,8 +258,15 @@ class _Layout:
                     self._take(kind, name, content, PurePosixPath(rest).stem)
                 else:
                     self._files[name] = content
+        self._check_folders()
         self._faults.raise_any()
         return self._files
+
+    def _check_folders(self) -> None:
+        """Refuse a file that is called as a folder of others: a zip may have both, a disk has one."""
+        folders = {folder.as_posix(): name for name in self._files for folder in PurePosixPath(name).parents}
+        for name in self._files.keys() & folders.keys():
+            self._faults.add(f"is a file, and cannot be the folder that {folders[name]} is in", name)
 
     def _take(self, kind: AssetKind, name: str, content: bytes, stem: str | None) -> None:
         data = mapping_in(content)
