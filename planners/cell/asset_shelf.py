@@ -261,7 +261,12 @@ def validated(model: type[_File], data: Mapping[str, Any], called: str) -> _File
         # Validated as JSON: there, and only there, does strict mode accept arrays for tuples.
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        raise AssetError(*(_fault(each, called) for each in error.errors(include_url=False))) from error
+        raise AssetError(*faults_of(error, called)) from error
+
+
+def faults_of(error: ValidationError, called: str = "") -> tuple[AssetFault, ...]:
+    """Return everything that a file's model refuses, as faults of the file that messages call so."""
+    return tuple(_fault(each, called) for each in error.errors(include_url=False))
 
 
 def _mapping_at(path: Path) -> dict[str, Any]:

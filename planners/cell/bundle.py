@@ -120,9 +120,10 @@ class CellBundle:
         """
         try:
             with zipfile.ZipFile(io.BytesIO(content)) as archive:
-                return cls._of(_files_of_zip(archive))
+                files = _files_of_zip(archive)
         except _BROKEN as error:
             raise AssetError(f"the zip cannot be read: {error}") from error
+        return cls._of(files)
 
     @classmethod
     def _of(cls, given: Mapping[str, bytes]) -> Self:
@@ -312,7 +313,9 @@ class _Layout:
         try:
             robot = robot_from_urdf(content, figures, self._given.get, folder)
         except AssetError as error:
-            raise error.at(file.urdf) from error
+            # What has a pointer is of the figures, the rest of the URDF.
+            told = (replace(each, file=name if each.pointer else file.urdf) for each in error.faults)
+            raise AssetError(*told) from error
         self.notes += (f"{file.name}: {note}" for note in robot.notes)
         return _written(robot.file.model_dump(mode="json", exclude_none=True))
 

@@ -155,6 +155,19 @@ def test_a_zip_that_is_no_cell_is_refused_with_the_reason(content: bytes, reason
     assert reason in str(caught.value)
 
 
+def test_a_urdf_that_cannot_be_used_is_no_broken_zip() -> None:
+    """Neither a corner of a mesh that is no number, nor numbers beyond what a file of a cell may have."""
+    files = furnished_files()
+    stl = bytearray(files["arm/link.stl"])
+    stl[100:104] = b"\0\0\xc0\x7f"
+    for broken in ({"arm/link.stl": bytes(stl)}, {"arm/arm.urdf": files["arm/arm.urdf"].replace(b'"120"', b'"1e6"')}):
+        with pytest.raises(AssetError) as caught:
+            CellBundle.of_zip(zipped({**files, **broken})).load(Path())
+        assert "zip cannot be read" not in str(caught.value)
+        assert {fault.file for fault in caught.value.faults} == {"arm/arm.urdf"}
+        assert all(fault.detail.startswith(("link 'l", "joint 'j")) for fault in caught.value.faults)
+
+
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_a_file_that_is_there_twice_is_refused() -> None:
     packed = io.BytesIO()
@@ -319,7 +332,7 @@ def test_an_arm_may_come_as_a_urdf_among_the_files(tmp_path: Path) -> None:
         ({"urdf": "arm/other.urdf"}, "robots/industrial.yaml", "/urdf", "there is no file arm/other.urdf"),
         ({"payload": -1.0}, "robots/industrial.yaml", "/payload", "greater than 0"),
         ({"acceleration": [1.0]}, "robots/industrial.yaml", "/acceleration", "at least 6"),
-        ({"tip": "hand"}, "arm/arm.urdf", "", "hand"),
+        ({"tip": "hand"}, "robots/industrial.yaml", "/tip", "there is no link 'hand'; there are: l0, l1"),
     ],
 )
 def test_what_is_wrong_with_a_urdf_or_with_what_is_said_of_it_is_told(

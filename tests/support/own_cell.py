@@ -111,6 +111,8 @@ def furnished_files() -> dict[str, bytes]:
     document = furnished()
     document["arms"]["right"]["robot"] = document["arms"]["left"]["robot"]
     document["arms"]["left"]["robot"] = INDUSTRIAL["name"]
+    # Its base is a box about its origin.
+    document["mount"]["arms"]["left"]["position"][2] += 0.03
     link = '<mesh filename="package://arm/link.stl"/>'
     return {
         "cell.yaml": written(document),
