@@ -11,7 +11,7 @@ from app.task_intake import VersionedCells
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
 from planners.survey.cell_limits import CellLimits
-from planners.survey.faults import check_cell
+from planners.survey.faults import load_checked
 from planners.survey.survey import CellSurvey, SurveyFigures
 from workers.stores.cell_store import CellStore, StoredCell
 
@@ -169,8 +169,7 @@ class CellCollection(VersionedCells):
     def _examined(self, bundle: CellBundle) -> tuple[SurveyFigures, CellLimits]:
         if bundle.name in self.shipped:
             raise CellIsShipped(bundle.name)
-        with self._store.passing(bundle) as cell:
-            check_cell(cell)
+        with self._store.passing(bundle, load_checked) as cell:
             return CellSurvey.of(cell).figures(), CellLimits.of(cell)
 
     def _find(self, name: str) -> StoredCell | None:

@@ -12,7 +12,9 @@ from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
-AssetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+NAME_PATTERN = r"^[A-Za-z0-9_-]{1,64}$"
+"""Of a part."""
+AssetName = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 
 def _other_than_pad(name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -20,6 +21,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from assets import assets_folder
 from planners.cell.asset_files import (
+    NAME_PATTERN,
     Asset,
     CellFile,
     GripperFile,
@@ -42,12 +44,24 @@ from planners.geometry.solid_mesh import SolidMesh, take_mesh
 AssetKind = Literal["cells", "mounts", "robots", "hands", "sensors", "tools"]
 KINDS: tuple[AssetKind, ...] = ("cells", "mounts", "robots", "hands", "sensors", "tools")
 """Folders of a shelf, and what the files in them are."""
+PARTS: Mapping[AssetKind, tuple[tuple[str, AssetKind], ...]] = {
+    "cells": (
+        ("mount", "mounts"),
+        ("arms/left/robot", "robots"),
+        ("arms/left/hand", "hands"),
+        ("arms/right/robot", "robots"),
+        ("arms/right/hand", "hands"),
+    ),
+    "hands": (("sensor", "sensors"),),
+}
+"""Members that name another file, and of which kind that is, by the kind of file that they are in."""
 SHORTEST_STILL, LONGEST_STILL = 1e-3, 20.0
 """Of a mesh that never moves [m]: what is shorter or longer was most likely drawn in another unit."""
 MESHES = "meshes"
 """The folder of shipped meshes that tasks name, all OBJ and in metres."""
 MESH_FORMATS: dict[str, MeshFormat] = {".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"}
 _HAND_KINDS: dict[str, type[HandFile]] = {"gripper": GripperFile, "jaws": JawsFile, "stick": StickFile}
+_NAME = re.compile(NAME_PATTERN)
 _File = TypeVar("_File", bound=Asset)
 
 
@@ -58,6 +72,8 @@ class AssetShelf:
     folders: tuple[Path, ...]
     kept: Path | None = None
     """A folder of ours where solids are kept, since covering one by convex parts takes up to ten seconds."""
+    told: frozenset[str] = frozenset()
+    """Files that are not there since something is wrong with them that is told already: `robots/<name>.yaml`."""
 
     def names(self, kind: AssetKind) -> list[str]:
         """List the names of all files of a kind."""
@@ -67,8 +83,10 @@ class AssetShelf:
         """Return the file of a name.
 
         Raises:
-            AssetError: There is none; the message lists those there are.
+            AssetError: There is none; the message lists those there are. Of what is told already it has no faults.
         """
+        if f"{kind}/{name}.yaml" in self.told:
+            raise AssetError
         for folder in self.folders:
             path = folder / kind / f"{name}.yaml"
             if path.is_file():
@@ -178,6 +196,23 @@ def fingerprint(contents: Iterable[bytes]) -> str:
 def read_cell_file(path: Path) -> CellFile:
     """Read cells/*.yaml."""
     return _read(CellFile, path)
+
+
+def part_names(kind: AssetKind, path: Path) -> dict[str, str]:
+    """Return what a file of a kind names, by the member of `PARTS` that does, whatever else is wrong with the file.
+
+    What is no name of a part is left out, and so is everything of a file that cannot be read.
+    """
+    named = dict[str, str]()
+    with suppress(AssetError):
+        data = _mapping_at(path)
+        for member, _ in PARTS[kind]:
+            name: Any = data
+            for step in member.split("/"):
+                name = name.get(step) if isinstance(name, dict) else None
+            if isinstance(name, str) and _NAME.fullmatch(name):
+                named[member] = name
+    return named
 
 
 def read_mount_file(path: Path) -> MountFile:

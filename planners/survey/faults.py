@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from planners.cell.arm import Arm
-from planners.cell.cell import Cell
+from planners.cell.bundle import CellBundle
+from planners.cell.cell import Cell, CellParts, StaticBox
 from planners.collision.distance import distance
 from planners.errors import AssetFaults
 from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
-from planners.geometry.pose import Transform
+from planners.geometry.pose import Array, Transform
 from planners.hands.workcell import Clearance
 from planners.scene.clashes import arm_frames
 
@@ -24,6 +26,25 @@ LEVEL = 1e-6
 """Gravity may be off the vertical by so much, for rounding [rad]: plates are lifted along z, against all of it."""
 LONGEST_PULL = 30.0
 """No planet on which anybody builds has more [m/s^2]."""
+
+
+def load_checked(bundle: CellBundle, folder: Path) -> Cell:
+    """Load a cell of one's own in which something can be planned, unpacked below `folder` as `CellBundle.load` does.
+
+    Raises:
+        AssetError: All that is wrong with its files and what `check_cell` refuses, in one: each fault names file and
+            member as they were given.
+        OSError: The folder cannot be written.
+    """
+    faults, found = AssetFaults(), AssetFaults()
+    parts = bundle.read_parts(folder, faults)
+    _check_parts(parts, found)
+    faults.take(map(bundle.as_given, found.found))
+    faults.raise_any()
+    cell = parts.assembled
+    # What is missing is told.
+    assert cell is not None
+    return cell
 
 
 def check_cell(cell: Cell) -> None:
@@ -36,15 +57,32 @@ def check_cell(cell: Cell) -> None:
         AssetError: All that is wrong, each with its file and member.
     """
     faults = AssetFaults()
-    _check_gravity(cell, faults)
-    mount = f"mounts/{cell.mount}.yaml"
-    for arm in cell.arms.values():
+    _check_gravity(cell.gravity, f"cells/{cell.name}.yaml", faults)
+    _check_arms(cell.arms.values(), cell.boxes[0], f"mounts/{cell.mount}.yaml", faults)
+    _check_meetings(cell, faults)
+    faults.raise_any()
+
+
+def _check_parts(parts: CellParts, faults: AssetFaults) -> None:
+    """Check what there is as `check_cell` does."""
+    if parts.file is not None:
+        _check_gravity(np.array(parts.file.gravity), f"cells/{parts.file.name}.yaml", faults)
+    if parts.mount is not None:
+        _check_arms(parts.arms.values(), parts.table, f"mounts/{parts.mount.name}.yaml", faults)
+    if parts.assembled is not None:
+        _check_meetings(parts.assembled, faults)
+
+
+def _check_arms(arms: Iterable[Arm], table: StaticBox, mount: str, faults: AssetFaults) -> None:
+    for arm in arms:
         _check_home_range(arm, mount, faults)
-        _check_base(cell, arm, mount, faults)
+        _check_base(arm, table, mount, faults)
+
+
+def _check_meetings(cell: Cell, faults: AssetFaults) -> None:
     for meeting in meetings_at_home(cell):
         arm = next(name for name in cell.arms if any(body.startswith(f"{name}_") for body in meeting.bodies))
-        faults.add(meeting.sentence(), mount, f"/arms/{arm}/home_deg")
-    faults.raise_any()
+        faults.add(meeting.sentence(), f"mounts/{cell.mount}.yaml", f"/arms/{arm}/home_deg")
 
 
 @dataclass(frozen=True)
@@ -78,15 +116,15 @@ def meetings_at_home(cell: Cell, clearance: Clearance | None = None) -> Iterator
             yield Meeting((one.name, other.name), apart, margin)
 
 
-def _check_gravity(cell: Cell, faults: AssetFaults) -> None:
-    pull = float(np.linalg.norm(cell.gravity))
+def _check_gravity(gravity: Array, file: str, faults: AssetFaults) -> None:
+    pull = float(np.linalg.norm(gravity))
     if not 0.0 < pull <= LONGEST_PULL:
         detail = f"is {pull:g} m/s^2; more than 0 and at most {LONGEST_PULL:g} are needed, 9.81 on Earth"
-    elif cell.gravity[2] > 0.0 or float(np.linalg.norm(cell.gravity[:2])) > LEVEL * pull:
+    elif gravity[2] > 0.0 or float(np.linalg.norm(gravity[:2])) > LEVEL * pull:
         detail = "must point along -z: the table is level, and plates are lifted along z"
     else:
         return
-    faults.add(detail, f"cells/{cell.name}.yaml", "/gravity")
+    faults.add(detail, file, "/gravity")
 
 
 def _check_home_range(arm: Arm, mount: str, faults: AssetFaults) -> None:
@@ -97,10 +135,9 @@ def _check_home_range(arm: Arm, mount: str, faults: AssetFaults) -> None:
         faults.add(detail, mount, f"/arms/{arm.name}/home_deg/{i}")
 
 
-def _check_base(cell: Cell, arm: Arm, mount: str, faults: AssetFaults) -> None:
+def _check_base(arm: Arm, table: StaticBox, mount: str, faults: AssetFaults) -> None:
     base = arm.link_bodies()[0]
-    table = cell.boxes[0].collision_body()
-    sunk = -_distance(base, arm.T_world_base, table, np.eye(4))
+    sunk = -_distance(base, arm.T_world_base, table.collision_body(), np.eye(4))
     if sunk > SUNK:
         detail = f"the arm's base is {1e3 * sunk:.1f} mm deep in the table; {1e3 * SUNK:g} mm are allowed"
         faults.add(detail, mount, f"/arms/{arm.name}/position")

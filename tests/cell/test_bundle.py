@@ -26,7 +26,7 @@ from planners.cell import bundle as bundle_module
 from planners.cell.bundle import CellBundle
 from planners.certify import load_surfaces
 from planners.errors import AssetError
-from planners.survey.faults import check_cell
+from planners.survey.faults import load_checked
 from tests.cell.urdf_arms import INDUSTRIAL_AXES, INDUSTRIAL_TIP, UrdfArm
 
 MUTATIONS = 300
@@ -155,14 +155,14 @@ def test_a_zip_that_is_no_cell_is_refused_with_the_reason(content: bytes, reason
     assert reason in str(caught.value)
 
 
-def test_a_urdf_that_cannot_be_used_is_no_broken_zip() -> None:
+def test_a_urdf_that_cannot_be_used_is_no_broken_zip(tmp_path: Path) -> None:
     """Neither a corner of a mesh that is no number, nor numbers beyond what a file of a cell may have."""
     files = furnished_files()
     stl = bytearray(files["arm/link.stl"])
     stl[100:104] = b"\0\0\xc0\x7f"
     for broken in ({"arm/link.stl": bytes(stl)}, {"arm/arm.urdf": files["arm/arm.urdf"].replace(b'"120"', b'"1e6"')}):
         with pytest.raises(AssetError) as caught:
-            CellBundle.of_zip(zipped({**files, **broken})).load(Path())
+            CellBundle.of_zip(zipped({**files, **broken})).load(tmp_path)
         assert "zip cannot be read" not in str(caught.value)
         assert {fault.file for fault in caught.value.faults} == {"arm/arm.urdf"}
         assert all(fault.detail.startswith(("link 'l", "joint 'j")) for fault in caught.value.faults)
@@ -270,7 +270,7 @@ def test_whatever_is_wrong_with_a_cell_is_told_as_a_fault_and_nothing_is_written
     count = sample(80, MUTATIONS)
     for read in itertools.islice(spoiled_cells(random.Random(16)), count):
         try:
-            check_cell(read().load(folder))
+            load_checked(read(), folder)
         except AssetError as error:
             refused.append(error)
     assert len(refused) > count // 2
@@ -336,10 +336,10 @@ def test_an_arm_may_come_as_a_urdf_among_the_files(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_wrong_with_a_urdf_or_with_what_is_said_of_it_is_told(
-    changes: dict[str, Any], file: str, pointer: str, detail: str
+    changes: dict[str, Any], file: str, pointer: str, detail: str, tmp_path: Path
 ) -> None:
     with pytest.raises(AssetError) as caught:
-        CellBundle.of_zip(zipped(urdf_files(**changes)))
+        CellBundle.of_zip(zipped(urdf_files(**changes))).load(tmp_path)
     (fault,) = caught.value.faults
     assert (fault.file, fault.pointer) == (file, pointer)
     assert detail in fault.detail

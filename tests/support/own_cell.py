@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import zipfile
@@ -99,7 +100,7 @@ def furnished() -> dict[str, Any]:
     document = station()
     document["arms"] = {
         "left": {"robot": own_robot(), "hand": "pushing_stick_ft300"},
-        "right": {"robot": "own_robot", "hand": JAWS},
+        "right": {"robot": "own_robot", "hand": copy.deepcopy(JAWS)},
     }
     fence = {"mesh": {"path": "meshes/fence.stl"}, "position": [-0.5, 1.2, 0.4], "rpy_deg": [0, 0, 0]}
     document["mount"]["platform"] = {"fence": fence}

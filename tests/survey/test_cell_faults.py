@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.own_cell import station, written
+import trimesh
+from support.own_cell import JAWS, furnished, furnished_files, own_robot, station, written, zipped
 
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, known_cells, load_cell
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder
 from planners.geometry.pose import transform
-from planners.survey.faults import _signed_distance, check_cell, meetings_at_home
+from planners.survey.faults import _signed_distance, check_cell, load_checked, meetings_at_home
 from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
 
 
-def own(tmp_path: Path, **mount: object) -> Cell:
+def bundle(**mount: object) -> CellBundle:
     document = station()
     for path, value in mount.items():
         holder = document["mount"]
@@ -25,7 +28,11 @@ def own(tmp_path: Path, **mount: object) -> Cell:
         for step in way:
             holder = holder[step]
         holder[last] = value
-    return CellBundle.of_text(written(document)).load(tmp_path)
+    return CellBundle.of_text(written(document))
+
+
+def own(tmp_path: Path, **mount: object) -> Cell:
+    return bundle(**mount).load(tmp_path)
 
 
 @pytest.mark.parametrize("name", known_cells())
@@ -74,13 +81,17 @@ def test_a_table_that_stands_in_the_arms_is_named_with_as_many_millimetres_as_fc
 WRONG = {
     "a joint at home beyond its range": (
         {"arms__left__home_deg": [60, -120, 190, -90, -90, 0]},
-        "/arms/left/home_deg/2",
+        "/mount/arms/left/home_deg/2",
         "190 degrees are beyond elbow_joint's range, -180 to 180",
     ),
-    "a base in the table": ({"arms__right__position": [0.0, -0.35, 0.87]}, "/arms/right/position", "30.0 mm deep"),
+    "a base in the table": (
+        {"arms__right__position": [0.0, -0.35, 0.87]},
+        "/mount/arms/right/position",
+        "30.0 mm deep",
+    ),
     "hands that meet": (
         {"arms__left__position": [0.0, -0.35, 0.90]},
-        "/arms/left/home_deg",
+        "/mount/arms/left/home_deg",
         "overlap by",
     ),
 }
@@ -91,14 +102,77 @@ def test_what_nothing_can_be_planned_in_is_refused_at_its_member(
     mount: dict[str, object], pointer: str, detail: str, tmp_path: Path
 ) -> None:
     with pytest.raises(AssetError) as caught:
-        check_cell(own(tmp_path, **mount))
+        load_checked(bundle(**mount), tmp_path)
     assert any(fault.pointer == pointer and detail in fault.detail for fault in caught.value.faults)
-    assert {fault.file for fault in caught.value.faults} == {"mounts/station_mount.yaml"}
+    # All was one document.
+    assert {fault.file for fault in caught.value.faults} == {""}
 
 
 @pytest.mark.parametrize("gravity", [[0, 0, 9.81], [0, 0, 0], [1.0, 0, -9.81], [0.05, 0, -9.81], [0, 0, -300]])
 def test_gravity_points_down(gravity: list[float], tmp_path: Path) -> None:
-    cell = CellBundle.of_text(written(station(gravity=gravity))).load(tmp_path)
+    for given, file in (
+        (CellBundle.of_text(written(station(gravity=gravity))), ""),
+        (CellBundle.of_zip(zipped({"cell.json": written(station(gravity=gravity))})), "cell.json"),
+    ):
+        with pytest.raises(AssetError) as caught:
+            load_checked(given, tmp_path)
+        assert (file, "/gravity") in {(each.file, each.pointer) for each in caught.value.faults}
+
+
+def told(given: CellBundle, tmp_path: Path) -> set[tuple[str, str]]:
     with pytest.raises(AssetError) as caught:
-        check_cell(cell)
-    assert ("cells/station.yaml", "/gravity") in {(each.file, each.pointer) for each in caught.value.faults}
+        load_checked(given, tmp_path)
+    return {(fault.file, fault.pointer) for fault in caught.value.faults}
+
+
+def test_faults_of_all_stages_are_told_at_once_where_they_stand_in_what_was_given(tmp_path: Path) -> None:
+    """Gravity up, a joint beyond its range, an open mesh, a hand that is too heavy, and a URDF that is none."""
+    files, document = furnished_files(), furnished()
+    document["gravity"] = [0, 0, 9.81]
+    document["mount"]["arms"]["left"]["home_deg"][0] += 360
+    document["arms"]["right"]["hand"] = {**JAWS, "mass": 50.0}
+    box = trimesh.creation.box((0.05, 0.05, 0.8))
+    files["meshes/fence.stl"] = trimesh.Trimesh(box.vertices, box.faces[:-1]).export(file_type="stl")
+    all_in_one = {
+        ("cell.yaml", "/gravity"),
+        ("cell.yaml", "/mount/arms/left/home_deg/0"),
+        ("cell.yaml", "/mount/platform/fence/mesh"),
+        ("cell.yaml", "/arms/right/hand"),
+    }
+    assert told(CellBundle.of_zip(zipped({**files, "cell.yaml": written(document)})), tmp_path) == all_in_one
+    # With the arm from a URDF, nobody knows where its home is.
+    document["arms"]["left"] = {"robot": "industrial", "hand": JAWS}
+    document["arms"]["right"] = {"robot": own_robot(), "hand": {**JAWS, "mass": 50.0, "name": "heavy"}}
+    document["mount"]["arms"]["right"]["home_deg"][0] -= 360
+    files |= {"cell.yaml": written(document), "arm/arm.urdf": files["arm/arm.urdf"].replace(b"2.5", b"-4")}
+    assert told(CellBundle.of_zip(zipped(files)), tmp_path) == all_in_one - {
+        ("cell.yaml", "/mount/arms/left/home_deg/0")
+    } | {("cell.yaml", "/mount/arms/right/home_deg/0"), ("arm/arm.urdf", "")}
+
+
+def test_faults_of_all_parts_are_told_at_once_whatever_else_is_missing(tmp_path: Path) -> None:
+    document = furnished()
+    document["gravity"][2] = math.nan
+    document["mount"]["table"]["size"][1] = math.inf
+    document["arms"]["left"]["robot"]["payload"] = -1.0
+    document["arms"]["right"]["hand"]["sensor"]["rate"] = "fast"
+    document["arms"]["right"]["hand"]["mass"] = 0
+    del document["mount"]["frame"]
+    assert told(CellBundle.of_text(written(document)), tmp_path) == {
+        ("", "/gravity/2"),
+        ("", "/mount/table/size/1"),
+        ("", "/mount/frame"),
+        ("", "/arms/left/robot/payload"),
+        ("", "/arms/right/hand/sensor/rate"),
+        ("", "/arms/right/hand/mass"),
+    }
+
+
+def test_a_part_of_which_something_is_told_is_not_missed(tmp_path: Path) -> None:
+    """Nor is a shipped one of its name taken."""
+    files = furnished_files()
+    document = json.loads(files["cell.yaml"])
+    document["arms"]["left"]["robot"] = "ur10e"
+    files |= {"cell.yaml": written(document), "robots/ur10e.yaml": b"name: ur10e\nurdf: nowhere.urdf"}
+    pointers = {pointer for _, pointer in told(CellBundle.of_zip(zipped(files)), tmp_path)}
+    assert pointers == {"/root", "/tip", "/payload", "/acceleration"}

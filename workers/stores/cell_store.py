@@ -12,7 +12,7 @@ import threading
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -183,8 +183,12 @@ class CellStore:
         return cell
 
     @contextmanager
-    def passing(self, bundle: CellBundle) -> Iterator[Cell]:
+    def passing(self, bundle: CellBundle, load: Callable[[CellBundle, Path], Cell] = CellBundle.load) -> Iterator[Cell]:
         """Load a cell without keeping it: its files are gone behind the block.
+
+        Args:
+            bundle: the cell.
+            load: loads it, unpacked below a folder.
 
         Raises:
             AssetError: Something is wrong with it.
@@ -192,7 +196,7 @@ class CellStore:
         self.folder.mkdir(parents=True, exist_ok=True)
         # Not where the system keeps what is temporary: that may be memory, and a cell has up to 64 MB.
         with tempfile.TemporaryDirectory(dir=self.folder, prefix=".checking-") as place:
-            yield bundle.load(Path(place))
+            yield load(bundle, Path(place))
 
     def delete(self, cell_id: str) -> None:
         """Have a cell for no more tasks; its files go when no plan and no study is in it any more."""
