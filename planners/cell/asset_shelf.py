@@ -21,7 +21,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from assets import assets_folder
 from planners.cell.asset_files import (
+    FINGER_PATTERN,
     NAME_PATTERN,
+    RELATIVE_PATH,
     Asset,
     CellFile,
     GripperFile,
@@ -36,7 +38,7 @@ from planners.cell.asset_files import (
 )
 from planners.contract.problems import json_pointer, problem_of
 from planners.contract.strict_yaml import NotYaml, parse_yaml
-from planners.errors import AssetError, AssetFault
+from planners.errors import AssetError, AssetFault, AssetFaults
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, obj_vertices, read_mesh_file
 from planners.geometry.pose import Array
 from planners.geometry.solid_mesh import SolidMesh, take_mesh
@@ -61,6 +63,15 @@ MESHES = "meshes"
 """The folder of shipped meshes that tasks name, all OBJ and in metres."""
 MESH_FORMATS: dict[str, MeshFormat] = {".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"}
 _HAND_KINDS: dict[str, type[HandFile]] = {"gripper": GripperFile, "jaws": JawsFile, "stick": StickFile}
+WHAT_NAMES_ARE = "must be 1 to 64 letters from A to Z or a to z, digits, underscores and hyphens"
+"""Of parts."""
+WHAT_PATHS_ARE = "letters from A to Z or a to z, digits, _, - and dots inside names, folders parted by /"
+_PLAIN = {
+    NAME_PATTERN: WHAT_NAMES_ARE,
+    RELATIVE_PATH: f"must be a path inside the cell's folder: {WHAT_PATHS_ARE}",
+    FINGER_PATTERN: "must be 1 to 32 small letters from a to z, digits and underscores, a letter first",
+}
+"""What patterns say, in words."""
 _NAME = re.compile(NAME_PATTERN)
 _File = TypeVar("_File", bound=Asset)
 
@@ -217,7 +228,17 @@ def part_names(kind: AssetKind, path: Path) -> dict[str, str]:
 
 def read_mount_file(path: Path) -> MountFile:
     """Read mounts/*.yaml."""
-    return _read(MountFile, path)
+    table = _mapping_at(path).get("table")
+    faults = AssetFaults()
+    if not (isinstance(table, dict) and "mesh" in table):
+        return _read(MountFile, path)
+    # One sentence for all members that a box has, or has not.
+    faults.add("the table is a box, by center and size; what is a mesh stands in platform", str(path), "/table")
+    try:
+        _read(MountFile, path)
+    except AssetError as error:
+        faults.take(fault for fault in error.faults if not fault.pointer.startswith("/table/"))
+    raise AssetError(*faults.found)
 
 
 def read_robot_file(path: Path) -> RobotFile:
@@ -323,4 +344,11 @@ def _read(model: type[_File], path: Path) -> _File:
 def _fault(fault: ErrorDetails, file: str) -> AssetFault:
     """Return one of pydantic's faults. Steps in brackets are its own: a key of a mapping, a kind among several."""
     pointer = json_pointer(step for step in fault["loc"] if not str(step).startswith("["))
+    context = fault.get("ctx", {})
+    if fault["type"] == "string_pattern_mismatch":
+        return AssetFault(_PLAIN.get(context["pattern"], problem_of(fault).detail), file, pointer)
+    if fault["type"] == "too_long":
+        return AssetFault(f"at most {context['max_length']} are taken", file, pointer)
+    if fault["type"] == "too_short":
+        return AssetFault(f"at least {context['min_length']} are needed", file, pointer)
     return AssetFault(problem_of(fault).detail.removeprefix("Value error, "), file, pointer)

@@ -32,7 +32,17 @@ from planners.cell.asset_files import (
     StickFile,
     UrdfRobotFile,
 )
-from planners.cell.asset_shelf import KINDS, PARTS, AssetKind, AssetShelf, mapping_in, shipped_shelf, validated
+from planners.cell.asset_shelf import (
+    KINDS,
+    PARTS,
+    WHAT_NAMES_ARE,
+    WHAT_PATHS_ARE,
+    AssetKind,
+    AssetShelf,
+    mapping_in,
+    shipped_shelf,
+    validated,
+)
 from planners.cell.cell import Cell, CellParts
 from planners.cell.urdf_robot import RobotFigures, robot_from_urdf
 from planners.errors import AssetError, AssetFault, AssetFaults
@@ -46,6 +56,9 @@ _TEXTS = (".yaml", ".yml", ".json")
 _CELL = re.compile(r"^(?:cells/[^/]+|cell)\.(?:yaml|yml|json)$")
 _LITTER = re.compile(r"(?:^|/)(?:__MACOSX|\.DS_Store|Thumbs\.db)(?:/|$)")
 _PATH = re.compile(RELATIVE_PATH)
+_OUTSIDE = re.compile(r"^/|\\|:|\0|(?:^|/)\.")
+"""In a name: what leads elsewhere, on some system, or is hidden."""
+_NAMES = f"{WHAT_PATHS_ARE}, at most 200 characters"
 _BROKEN = (
     zipfile.BadZipFile,
     zipfile.LargeZipFile,
@@ -139,15 +152,17 @@ class CellBundle:
     @classmethod
     def _of(cls, given: Mapping[str, bytes], *, is_document: bool = False) -> Self:
         """Check the sizes, and bring everything to the layout of the assets folder."""
-        files = _without_common_folder({name: each for name, each in given.items() if not _LITTER.search(name)})
+        named = _without_common_folder({name: each for name, each in given.items() if not _LITTER.search(name)})
+        files = {name: content for name, content in named.items() if _is_path(name)}
+        left_out = [f"{name!r} is left out: {_NAMES}" for name in named if name not in files]
         faults = AssetFaults()
         for name, content in files.items():
             if name.endswith(_TEXTS) and len(content) > LONGEST_TEXT:
                 faults.add(f"has {len(content)} bytes; at most {LONGEST_TEXT} are read", "" if is_document else name)
         faults.raise_any()
-        layout = _Layout(files, is_document=is_document)
+        layout = _Layout(files, named, is_document=is_document)
         laid_out = layout.laid_out()
-        return cls(laid_out, tuple(layout.notes), layout.faults.found, frozenset(layout.told), layout.origins)
+        return cls(laid_out, (*left_out, *layout.notes), layout.faults.found, frozenset(layout.told), layout.origins)
 
     @cached_property
     def name(self) -> str:
@@ -281,9 +296,12 @@ def _inside(fault: AssetFault, folder: Path) -> AssetFault:
 class _Layout:
     """Brings files to the layout of the assets folder: one file a part, named by its name."""
 
-    def __init__(self, given: Mapping[str, bytes], *, is_document: bool) -> None:
-        """With `is_document`, faults of the one file that there is are those of no file."""
-        self._given, self._is_document = given, is_document
+    def __init__(self, given: Mapping[str, bytes], named: Mapping[str, bytes], *, is_document: bool) -> None:
+        """Take the files, and what a URDF may name, which may be called as no file of a cell is.
+
+        With `is_document`, faults of the one file that there is are those of no file.
+        """
+        self._given, self._named, self._is_document = given, named, is_document
         self._files: dict[str, bytes] = {}
         self.faults, self.notes = AssetFaults(), list[str]()
         self.told: set[str] = set()
@@ -326,9 +344,7 @@ class _Layout:
             data = mapping_in(content)
             given = data.get("name")
             if not isinstance(given, str) or not re.fullmatch(NAME_PATTERN, given):
-                raise AssetError(
-                    AssetFault("must be 1 to 64 letters, digits, underscores and hyphens", pointer="/name")
-                )
+                raise AssetError(AssetFault(WHAT_NAMES_ARE, pointer="/name"))
             if stem is not None and stem != given:
                 raise AssetError(AssetFault(f"must be that of the file, {stem!r}", pointer="/name"))
             if self._take_parts(kind, data, origin) or not name.endswith(".yaml"):
@@ -376,7 +392,7 @@ class _Layout:
         figures = RobotFigures(**file.model_dump(exclude={"urdf"}))
         folder = PurePosixPath(file.urdf).parent.as_posix().removeprefix(".")
         try:
-            robot = robot_from_urdf(content, figures, self._given.get, folder)
+            robot = robot_from_urdf(content, figures, self._named.get, folder)
         except AssetError as error:
             # What has a pointer is of the figures, the rest of the URDF.
             told = (each if each.pointer else replace(each, file=file.urdf) for each in error.faults)
@@ -444,6 +460,11 @@ def _unpacked(archive: zipfile.ZipFile, entries: Iterable[zipfile.ZipInfo]) -> I
         yield entry.filename, content
 
 
+def _is_path(name: str) -> bool:
+    """Tell whether a file may be called so; a cell can name no other."""
+    return len(name) <= 200 and _PATH.fullmatch(name) is not None
+
+
 def _check_sizes(files: Iterable[tuple[str, int]]) -> None:
     """Refuse what is too much, and names that lead out of the folder."""
     faults, total, count = AssetFaults(), 0, 0
@@ -451,9 +472,8 @@ def _check_sizes(files: Iterable[tuple[str, int]]) -> None:
         total, count = total + size, count + 1
         if count > MOST_FILES:
             raise AssetError(f"there are more than {MOST_FILES} files")
-        if not _PATH.match(name) or len(name) > 200:
-            told = "letters, digits, _, - and dots inside names, folders parted by /, at most 200 characters"
-            faults.add(f"cannot be called so: {told}", name[:200])
+        if not _is_path(name) and _OUTSIDE.search(name):
+            faults.add(f"cannot be called so: {_NAMES}", name[:200])
     if total > MOST_BYTES:
         raise AssetError(f"the files have {total} bytes together; at most {MOST_BYTES} are taken")
     faults.raise_any()

@@ -168,6 +168,22 @@ def test_a_urdf_that_cannot_be_used_is_no_broken_zip(tmp_path: Path) -> None:
         assert all(fault.detail.startswith(("link 'l", "joint 'j")) for fault in caught.value.faults)
 
 
+def test_files_with_other_names_are_left_out_and_a_urdf_may_have_meshes_so_called(tmp_path: Path) -> None:
+    files = furnished_files()
+    plain = CellBundle.of_zip(zipped(files))
+    files |= {"Maßblatt.pdf": b"", "drawings/as built.dwg": b"", "arm/the link.stl": files.pop("arm/link.stl")}
+    files["arm/arm.urdf"] = files["arm/arm.urdf"].replace(b"link.stl", b"the link.stl")
+    for name, content in files.items():
+        path = tmp_path / "given" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    for bundle in (CellBundle.of_zip(zipped(files)), CellBundle.read(tmp_path / "given")):
+        assert [note.partition(" is left out")[0] for note in sorted(bundle.notes)] == [
+            "'Maßblatt.pdf'", "'arm/the link.stl'", "'drawings/as built.dwg'"
+        ]  # fmt: skip
+        assert bundle.load(tmp_path / "unpacked").hash == plain.load(tmp_path / "unpacked").hash
+
+
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_a_file_that_is_there_twice_is_refused() -> None:
     packed = io.BytesIO()
@@ -331,7 +347,8 @@ def test_an_arm_may_come_as_a_urdf_among_the_files(tmp_path: Path) -> None:
     [
         ({"urdf": "arm/other.urdf"}, "robots/industrial.yaml", "/urdf", "there is no file arm/other.urdf"),
         ({"payload": -1.0}, "robots/industrial.yaml", "/payload", "greater than 0"),
-        ({"acceleration": [1.0]}, "robots/industrial.yaml", "/acceleration", "at least 6"),
+        ({"acceleration": [1.0]}, "robots/industrial.yaml", "/acceleration", "1 are listed; 6 are needed"),
+        ({"torque": [1e5, 1, 1, 1, 1, 1]}, "robots/industrial.yaml", "/torque/0", "less than or equal to 10000"),
         ({"tip": "hand"}, "robots/industrial.yaml", "/tip", "there is no link 'hand'; there are: l0, l1"),
     ],
 )
