@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
@@ -19,8 +20,8 @@ from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, known_cells, load_cells
 from planners.contract.problems import Problem
 from planners.errors import AssetError, AssetFault, AssetFaults
-from planners.survey.faults import load_checked
-from planners.survey.survey import CellSurvey, SurveyFigures
+from planners.survey.faults import doubts_about, load_checked, surveyed
+from planners.survey.survey import SurveyFigures
 from workers.settings import WorkerSettings
 from workers.stores.cell_store import CellStore
 from workers.stores.database import open_database
@@ -61,11 +62,11 @@ def check_cell_files(path: Path, picture: Path | None) -> int:
     """
     try:
         bundle = CellBundle.read(path)
-        survey = CellSurvey.of(_checked(bundle))
+        cell = _checked(bundle)
+        survey = surveyed(cell, bundle)
     except AssetError as error:
         return _refuse(error, path)
-    for note in bundle.notes:
-        sys.stderr.write(f"note: {note}\n")
+    _note(bundle.notes, doubts_about(cell))
     _tell(survey.figures())
     if picture is not None:
         picture.write_bytes(draw_survey(survey))
@@ -100,6 +101,8 @@ def add_cell(path: Path, keeper: CellKeeper) -> int:
         added = keeper.add(bundle)
     except AssetError as error:
         return _refuse(error, path)
+    # Files are sent as they were taken, so that a service knows nothing of what was left out.
+    _note(bundle.notes, added.notes or ())
     if added.figures is not None:
         _tell(added.figures)
     version = "" if added.version is None else f", version {added.version}"
@@ -148,7 +151,7 @@ class LocalCells:
         """
         with _said_plainly():
             stored, _ = self._cells.add(bundle)
-        return CellResource.of(stored, self._cells.figures(stored))
+        return CellResource.of(stored, self._cells.figures(stored), self._cells.notes(stored))
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""
@@ -250,6 +253,11 @@ def _row(cell: CellResource) -> tuple[str, str, str, str]:
 
 def _tell(figures: SurveyFigures) -> None:
     sys.stdout.write(f"{figures.cell}\n" + "".join(f"  {sentence}\n" for sentence in figures.sentences))
+
+
+def _note(*notes: Iterable[str]) -> None:
+    for note in dict.fromkeys(chain.from_iterable(notes)):
+        sys.stderr.write(f"note: {note}\n")
 
 
 def _refuse(error: AssetError, path: Path) -> int:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,14 @@ from planners.cell.cell import Cell, known_cells, load_cell
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder
 from planners.geometry.pose import transform
-from planners.survey.faults import _signed_distance, check_cell, load_checked, meetings_at_home
+from planners.survey.faults import (
+    _signed_distance,
+    check_cell,
+    doubts_about,
+    load_checked,
+    meetings_at_home,
+    surveyed,
+)
 from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
 
 
@@ -176,3 +185,62 @@ def test_a_part_of_which_something_is_told_is_not_missed(tmp_path: Path) -> None
     files |= {"cell.yaml": written(document), "robots/ur10e.yaml": b"name: ur10e\nurdf: nowhere.urdf"}
     pointers = {pointer for _, pointer in told(CellBundle.of_zip(zipped(files)), tmp_path)}
     assert pointers == {"/root", "/tip", "/payload", "/acceleration"}
+
+
+def in_millimetres(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: each if name in ("rpy_deg", "home_deg") else in_millimetres(each) for name, each in value.items()}
+    return [in_millimetres(each) for each in value] if isinstance(value, list) else 1000.0 * value
+
+
+REST = {"clearance": 0.02, "height": 0.05, "thickness": 0.005}
+UNLIKELY: dict[str, tuple[dict[str, Any], str, str]] = {
+    "all in millimetres": (
+        {"mount": in_millimetres(station()["mount"])},
+        "/mount/table/size",
+        "all lengths in metres?",
+    ),
+    "a tool rest beside the table": ({"tool_rest": {"position": [5, 5], **REST}}, "/tool_rest/position", "x 0 to 1.2"),
+    "forces the wrong way round": ({"hand": {"force_range": [100, 10]}}, "/arms/right/hand/force_range", "least force"),
+    "more force than there is": ({"hand": {"squeeze": 500}}, "/arms/right/hand/squeeze", "10 to 100 N"),
+    "a centre of mass far away": ({"hand": {"com": 90}}, "/arms/right/hand/com", "ends at 0.21 m"),
+    "links in millimetres": ({"radius": 80}, "/arms/left/robot/links", "base, shoulder"),
+}
+
+
+@pytest.mark.parametrize(("members", "pointer", "detail"), UNLIKELY.values(), ids=UNLIKELY.keys())
+def test_what_is_seldom_meant_is_refused_in_one_line(
+    members: dict[str, Any], pointer: str, detail: str, tmp_path: Path
+) -> None:
+    document = {**furnished(), **members}
+    document["mount"]["platform"] = {}
+    document["arms"]["right"]["hand"] |= document.pop("hand", {})
+    if radius := document.pop("radius", None):
+        for link in document["arms"]["left"]["robot"]["links"]:
+            for each in link["cylinders"]:
+                each["radius"] = radius
+    with pytest.raises(AssetError) as caught:
+        load_checked(CellBundle.of_text(written(document)), tmp_path)
+    assert [detail in fault.detail for fault in caught.value.faults if fault.pointer == pointer] == [True]
+    if not members.keys() & {"mount", "radius"}:
+        assert len(caught.value.faults) == 1
+    if "radius" in members:
+        assert not any("overlap" in fault.detail for fault in caught.value.faults)
+
+
+def test_a_cell_whose_hands_reach_nothing_of_the_table_is_refused(tmp_path: Path) -> None:
+    far = bundle(table__center=[8.0, 0.0, 0.88])
+    cell = load_checked(far, tmp_path)
+    with pytest.raises(AssetError, match="no hand reaches any place 100 mm above it") as caught:
+        surveyed(cell, far)
+    assert [(fault.file, fault.pointer) for fault in caught.value.faults] == [("", "/mount/table")]
+
+
+def test_a_home_that_looks_like_radians_is_noted() -> None:
+    cell = load_cell("dual_ur3e_lift")
+    assert doubts_about(cell) == []
+    arms = {name: replace(arm, home=np.radians(home)) for (name, arm), home in zip(
+        cell.arms.items(), ([1.57, -1.57, 1.57, 0, 0, 0], [0.0] * 6), strict=True
+    )}  # fmt: skip
+    (note,) = doubts_about(replace(cell, arms=arms))
+    assert note.startswith("the left arm's home_deg")
