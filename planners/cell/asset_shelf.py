@@ -344,11 +344,11 @@ def _read(model: type[_File], path: Path) -> _File:
 def _fault(fault: ErrorDetails, file: str) -> AssetFault:
     """Return one of pydantic's faults. Steps in brackets are its own: a key of a mapping, a kind among several."""
     pointer = json_pointer(step for step in fault["loc"] if not str(step).startswith("["))
-    context = fault.get("ctx", {})
-    if fault["type"] == "string_pattern_mismatch":
-        return AssetFault(_PLAIN.get(context["pattern"], problem_of(fault).detail), file, pointer)
-    if fault["type"] == "too_long":
-        return AssetFault(f"at most {context['max_length']} are taken", file, pointer)
-    if fault["type"] == "too_short":
-        return AssetFault(f"at least {context['min_length']} are needed", file, pointer)
+    kind, context = fault["type"], fault.get("ctx", {})
+    if kind == "string_pattern_mismatch":
+        return AssetFault(_PLAIN.get(context.get("pattern", ""), problem_of(fault).detail), file, pointer)
+    if kind in ("too_long", "too_short"):
+        most = context.get("max_length")
+        detail = f"at least {context.get('min_length')} are needed" if most is None else f"at most {most} are taken"
+        return AssetFault(detail, file, pointer)
     return AssetFault(problem_of(fault).detail.removeprefix("Value error, "), file, pointer)

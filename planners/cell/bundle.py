@@ -377,15 +377,14 @@ class _Layout:
         if not _PATH.match(path):
             raise AssetError(f"a part cannot be called {path!r}")
         if "urdf" in data:
-            content, origin = self._robot_of_urdf(data)
+            content, origin = self._robot_of_urdf(validated(UrdfRobotFile, data, ""))
         if self._files.get(path, content) != content:
             raise AssetError(f"describes {path.removesuffix('.yaml')} a second time, and differently")
         self._files[path] = content
         self.origins.setdefault(path, origin)
 
-    def _robot_of_urdf(self, data: Mapping[str, Any]) -> tuple[bytes, PartOrigin]:
+    def _robot_of_urdf(self, file: UrdfRobotFile) -> tuple[bytes, PartOrigin]:
         """Return a robot's file that says what a URDF does, which is where it is from."""
-        file = validated(UrdfRobotFile, data, "")
         content = self._given.get(file.urdf)
         if content is None:
             raise AssetError(AssetFault(f"there is no file {file.urdf} in the cell", pointer="/urdf"))

@@ -352,7 +352,8 @@ class CellParts:
         with faults.at(str(path)):
             file = read_cell_file(path)
         with faults.at(str(path), "/mount"):
-            mount = read_mount_file(shelf.find("mounts", named["mount"])) if "mount" in named else None
+            name = named.get("mount")
+            mount = None if name is None else read_mount_file(shelf.find("mounts", name))
         for member, kind in PARTS["cells"]:
             with faults.at(str(path), f"/{member}"):
                 name = named.get(member, "")
