@@ -468,7 +468,7 @@ def _problems(error: Exception) -> list[Problem]:
     if isinstance(error, NotAStudy):
         return error.problems
     if isinstance(error, AssetError):
-        return [Problem(each.pointer, each.detail, file=each.file) for each in error.faults]
+        return [Problem(each.pointer, each.detail, file=each.file or None) for each in error.faults]
     if isinstance(error, RequestValidationError):
         return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -48,8 +48,16 @@ class AssetError(LiftwrightError):
         super().__init__("\n".join(map(str, self.faults)))
 
     def at(self, file: str, pointer: str = "") -> AssetError:
-        """Return the error with a member of a file as the place of those faults that have none."""
-        return AssetError(*(fault if fault.file else AssetFault(fault.detail, file, pointer) for fault in self.faults))
+        """Return the error with a member of a file as the place of those faults that have none.
+
+        A fault that has a pointer, but no file, keeps it, and is of this file.
+        """
+        return AssetError(
+            *(
+                fault if fault.file else replace(fault, file=file, pointer=fault.pointer or pointer)
+                for fault in self.faults
+            )
+        )
 
 
 class AssetFaults:
@@ -70,6 +78,15 @@ class AssetFaults:
         """Add one."""
         self._faults.append(AssetFault(detail, file, pointer))
 
+    def take(self, faults: Iterable[AssetFault]) -> None:
+        """Add several as they are."""
+        self._faults += faults
+
+    @property
+    def found(self) -> tuple[AssetFault, ...]:
+        """All that were gathered, each once."""
+        return tuple(dict.fromkeys(self._faults))
+
     def raise_any(self) -> None:
         """Raise an error of all that were gathered, each once; do nothing if there are none.
 
@@ -77,7 +94,7 @@ class AssetFaults:
             AssetError: There are some.
         """
         if self._faults:
-            raise AssetError(*dict.fromkeys(self._faults))
+            raise AssetError(*self.found)
 
 
 class SceneError(LiftwrightError):

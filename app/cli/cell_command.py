@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
 from app.cli.output import BadInput, refuse
 from app.cli.service_client import ServiceClient, ServiceRefused
-from app.errors import ServiceError
+from app.errors import CellIsShipped, ServiceError
 from app.pictures.survey_picture import draw_survey
 from app.resources.cell_collection import CellCollection, look_at
 from app.resources.schemas import CellList, CellResource
 from planners.cell.bundle import CellBundle
-from planners.cell.cell import Cell, load_cells
+from planners.cell.cell import Cell, known_cells, load_cells
 from planners.contract.problems import Problem
-from planners.errors import AssetError
-from planners.survey.faults import check_cell
-from planners.survey.survey import CellSurvey, SurveyFigures
+from planners.errors import AssetError, AssetFault, AssetFaults
+from planners.survey.faults import doubts_about, load_checked, surveyed
+from planners.survey.survey import SurveyFigures
 from workers.settings import WorkerSettings
 from workers.stores.cell_store import CellStore
 from workers.stores.database import open_database
@@ -61,11 +62,11 @@ def check_cell_files(path: Path, picture: Path | None) -> int:
     """
     try:
         bundle = CellBundle.read(path)
-        survey = CellSurvey.of(_checked(bundle))
+        cell = _checked(bundle)
+        survey = surveyed(cell, bundle)
     except AssetError as error:
         return _refuse(error, path)
-    for note in bundle.notes:
-        sys.stderr.write(f"note: {note}\n")
+    _note(bundle.notes, doubts_about(cell))
     _tell(survey.figures())
     if picture is not None:
         picture.write_bytes(draw_survey(survey))
@@ -73,9 +74,19 @@ def check_cell_files(path: Path, picture: Path | None) -> int:
 
 
 def _checked(bundle: CellBundle) -> Cell:
-    with tempfile.TemporaryDirectory(prefix="liftwright-cell-") as place:
-        cell = bundle.load(Path(place))
-    check_cell(cell)
+    """Load a cell that could be kept.
+
+    Raises:
+        AssetError: All that is wrong with it, a name of a shipped one included.
+    """
+    faults, cell = AssetFaults(), None
+    if bundle.name in known_cells():
+        shipped = AssetFault(str(CellIsShipped(bundle.name)), f"cells/{bundle.name}.yaml", "/name")
+        faults.take([bundle.as_given(shipped)])
+    with faults.at(""), tempfile.TemporaryDirectory(prefix="liftwright-cell-") as place:
+        cell = load_checked(bundle, Path(place))
+    if cell is None or faults.found:
+        raise AssetError(*faults.found)
     return cell
 
 
@@ -86,13 +97,12 @@ def add_cell(path: Path, keeper: CellKeeper) -> int:
         OSError: A file cannot be read.
     """
     try:
-        added = keeper.add(CellBundle.read(path))
+        bundle = CellBundle.read(path)
+        added = keeper.add(bundle)
     except AssetError as error:
         return _refuse(error, path)
-    except ServiceRefused as error:
-        if not error.is_about_the_input:
-            raise
-        return refuse(error.problems, str(path))
+    # Files are sent as they were taken, so that a service knows nothing of what was left out.
+    _note(bundle.notes, added.notes or ())
     if added.figures is not None:
         _tell(added.figures)
     version = "" if added.version is None else f", version {added.version}"
@@ -141,7 +151,7 @@ class LocalCells:
         """
         with _said_plainly():
             stored, _ = self._cells.add(bundle)
-        return CellResource.of(stored, self._cells.figures(stored))
+        return CellResource.of(stored, self._cells.figures(stored), self._cells.notes(stored))
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""
@@ -194,9 +204,19 @@ class ServiceCells:
         """Keep a cell.
 
         Raises:
+            AssetError: Something is wrong with it.
             KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
-        return CellResource.model_validate_json(self._client.post("/v1/cells", bundle.zip(), "application/zip"))
+        if bundle.faults:
+            # What is sent lacks the files that something is wrong with.
+            _checked(bundle)
+        try:
+            return CellResource.model_validate_json(self._client.post("/v1/cells", bundle.zip(), "application/zip"))
+        except ServiceRefused as error:
+            if not error.is_about_the_input:
+                raise
+            told = (AssetFault(each.detail, each.file or "", each.pointer) for each in error.problems)
+            raise AssetError(*map(bundle.as_given, told)) from error
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""
@@ -235,5 +255,10 @@ def _tell(figures: SurveyFigures) -> None:
     sys.stdout.write(f"{figures.cell}\n" + "".join(f"  {sentence}\n" for sentence in figures.sentences))
 
 
+def _note(*notes: Iterable[str]) -> None:
+    for note in dict.fromkeys(chain.from_iterable(notes)):
+        sys.stderr.write(f"note: {note}\n")
+
+
 def _refuse(error: AssetError, path: Path) -> int:
-    return refuse([Problem(each.pointer, each.detail, file=each.file) for each in error.faults], str(path))
+    return refuse([Problem(each.pointer, each.detail, file=each.file or str(path)) for each in error.faults], str(path))

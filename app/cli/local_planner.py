@@ -76,15 +76,14 @@ class LocalPlanner:
         """Load a cell of one's own, and return its name."""
         # Here, because what reads it takes half a second to import.
         from planners.cell.bundle import CellBundle
-        from planners.survey.faults import check_cell
+        from planners.survey.faults import load_checked
 
         # Where it is unpacked is read as long as tasks are planned.
         self._unpacked = TemporaryDirectory(prefix="liftwright-cell-")
         try:
             bundle = CellBundle.read(path)
             self._cell_folder = bundle.unpack(Path(self._unpacked.name))
-            cell = bundle.load(Path(self._unpacked.name))
-            check_cell(cell)
+            cell = load_checked(bundle, Path(self._unpacked.name))
         except AssetError as error:
             raise BadInput(f"{path}:\n{error}") from error
         if cell.name in self._cells:

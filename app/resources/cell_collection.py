@@ -11,7 +11,7 @@ from app.task_intake import VersionedCells
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
 from planners.survey.cell_limits import CellLimits
-from planners.survey.faults import check_cell
+from planners.survey.faults import doubts_about, load_checked, surveyed
 from planners.survey.survey import CellSurvey, SurveyFigures
 from workers.stores.cell_store import CellStore, StoredCell
 
@@ -105,6 +105,10 @@ class CellCollection(VersionedCells):
         """Return what a cell can do, as it was found when it was posted; None: it is gone by now."""
         return self._store.figures(stored.id)
 
+    def notes(self, stored: StoredCell) -> tuple[str, ...]:
+        """Return what was noted of a cell when it was posted."""
+        return self._store.notes(stored.id)
+
     def limits(self) -> dict[str, CellLimits]:
         """Return what tasks must keep within, by name of the cell; one that cannot be loaded any more is left out."""
         shipped = {name: CellLimits.of(cell) for name, cell in self.shipped.items()}
@@ -121,8 +125,8 @@ class CellCollection(VersionedCells):
             CellIsShipped: It is called as a shipped one is.
             AssetError: Something is wrong with it; it lists everything that is.
         """
-        figures, limits = self._examined(bundle)
-        return self._store.add(bundle, figures, limits, self._caller.owner)
+        figures, limits, notes = self._examined(bundle)
+        return self._store.add(bundle, figures, limits, self._caller.owner, notes)
 
     def examine(self, bundle: CellBundle) -> SurveyFigures:
         """Return what a cell can do, without keeping it.
@@ -166,12 +170,12 @@ class CellCollection(VersionedCells):
         """
         self._store.delete(self.stored(cell_id).id)
 
-    def _examined(self, bundle: CellBundle) -> tuple[SurveyFigures, CellLimits]:
+    def _examined(self, bundle: CellBundle) -> tuple[SurveyFigures, CellLimits, list[str]]:
         if bundle.name in self.shipped:
             raise CellIsShipped(bundle.name)
-        with self._store.passing(bundle) as cell:
-            check_cell(cell)
-            return CellSurvey.of(cell).figures(), CellLimits.of(cell)
+        with self._store.passing(bundle, load_checked) as cell:
+            notes = [*bundle.notes, *doubts_about(cell)]
+            return surveyed(cell, bundle).figures(), CellLimits.of(cell), notes
 
     def _find(self, name: str) -> StoredCell | None:
         stored = self._store.get(name)

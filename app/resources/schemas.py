@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any, Literal, Self
 
@@ -87,10 +88,13 @@ class CellResource(Resource):
     """Of its content; plan documents state it as `cell.hash`."""
     figures: SurveyFigures | None
     """What it can do. null in lists, and of shipped cells: fetch `links.survey`."""
+    notes: list[str] | None = None
+    """What was taken otherwise than written, left out, or most likely was not meant. null in lists, and of shipped
+    cells."""
     links: CellLinks
 
     @classmethod
-    def of(cls, stored: StoredCell, figures: SurveyFigures | None = None) -> Self:
+    def of(cls, stored: StoredCell, figures: SurveyFigures | None = None, notes: Iterable[str] | None = None) -> Self:
         """Return a cell of one's own."""
         return cls(
             id=stored.id,
@@ -99,6 +103,7 @@ class CellResource(Resource):
             created_at=moment(stored.created_us),
             hash=stored.hash,
             figures=figures,
+            notes=None if notes is None else list(notes),
             links=_cell_links(stored.id, shipped=False),
         )
 

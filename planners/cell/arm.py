@@ -89,11 +89,14 @@ def load_robot(name: str, shelf: AssetShelf) -> Robot:
     file = read_robot_file(path)
     joints = file.joints
     dh = np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in joints])
-    kind = arm_kind(dh)
-    if isinstance(kind, NoClosedForm):
-        raise AssetError(AssetFault(kind.reason, str(path), "/joints"))
+    faults, link_files, links = AssetFaults(), tuple[LinkFile, ...](), tuple[Link, ...]()
+    if isinstance(kind := arm_kind(dh), NoClosedForm):
+        faults.add(kind.reason, str(path), "/joints")
+    with faults.at(str(path)):
+        link_files = _link_files(file, shelf, path)
+        links = _links(link_files, shelf, str(path))
+    faults.raise_any()
     position = np.radians([j.position_deg for j in joints])
-    link_files = _link_files(file, shelf, path)
     return Robot(
         name=file.name,
         joint_names=tuple(j.name for j in joints),
@@ -104,7 +107,7 @@ def load_robot(name: str, shelf: AssetShelf) -> Robot:
         velocity_max=np.radians([j.velocity_deg for j in joints]),
         acceleration_max=np.array([j.acceleration for j in joints]),
         torque_max=np.array([j.torque for j in joints]),
-        links=_links(link_files, shelf, str(path)),
+        links=links,
         masses=np.array([[link.mass, *link.com] for link in file.masses]),
         payload=file.payload,
         reach=file.reach,

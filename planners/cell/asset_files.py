@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    JsonValue,
+    Tag,
+    model_validator,
+)
 
 from planners.contract.scan_spec import MarkersSpec
 from planners.contract.task_spec import CustomTool
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
-AssetName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+NAME_PATTERN = r"^[A-Za-z0-9_-]{1,64}$"
+"""Of a part."""
+AssetName = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 
 def _other_than_pad(name: str) -> str:
@@ -21,13 +32,17 @@ def _other_than_pad(name: str) -> str:
     return name
 
 
-FingerPartName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$"), AfterValidator(_other_than_pad)]
+FINGER_PATTERN = r"^[a-z][a-z0-9_]{0,31}$"
+"""Of what slides with a pad."""
+FingerPartName = Annotated[str, Field(pattern=FINGER_PATTERN), AfterValidator(_other_than_pad)]
 Number = Annotated[float, Field(ge=-1e4, le=1e4)]
 """A larger one is no length, angle, mass or force of a cell, and no sum of such is right any more."""
 PositiveNumber = Annotated[float, Field(gt=0.0, le=1e4)]
 NotNegative = Annotated[float, Field(ge=0.0, le=1e4)]
 Triple = tuple[Number, Number, Number]
 Lengths = tuple[PositiveNumber, PositiveNumber, PositiveNumber]
+Stroke = Annotated[float, Field(gt=0.0, le=1.0)]
+"""Of a gripper [m]: where its pads are is kept for every millimetre."""
 PositionLimit = Annotated[float, Field(ge=-540.0, le=540.0)]
 """[deg]: a whole turn away from any position in (-180, 180], and no further; who has more states less."""
 AxisAngle = Annotated[float, Field(ge=-180.0, le=180.0)]
@@ -41,6 +56,8 @@ LINK_NAMES: tuple[LinkName, ...] = ("base", "shoulder", "upper_arm", "forearm", 
 """In the order of the frames they move with."""
 ARM_NAMES: tuple[ArmSide, ...] = ("left", "right")
 """In the order of their joints."""
+MOST_BODIES = 200
+"""Of a platform, and as many columns: each is checked against all that moves, and pairs take time and memory."""
 
 
 JOINTS = 6
@@ -147,9 +164,10 @@ class PiecesLinkFile(_Part):
 
 
 def _kind_of_link(link: Any) -> str:
-    if isinstance(link, CylinderLinkFile) or "cylinders" in link:
+    members = link if isinstance(link, Mapping) else ()
+    if isinstance(link, CylinderLinkFile) or "cylinders" in members:
         return "[cylinders]"
-    return "[pieces]" if isinstance(link, PiecesLinkFile) or "pieces" in link else "[mesh]"
+    return "[pieces]" if isinstance(link, PiecesLinkFile) or "pieces" in members else "[mesh]"
 
 
 LinkFile = Annotated[
@@ -170,13 +188,44 @@ class MassFile(_Part):
     """In the frame after the link's joint [m]."""
 
 
-def _no_seventh(joints: tuple[JointFile, ...]) -> tuple[JointFile, ...]:
-    if len(joints) > JOINTS:
-        raise ValueError(f"{len(joints)} are listed. {ONLY_SIX_JOINTS}")
+_OfLink = TypeVar("_OfLink", MeshLinkFile | CylinderLinkFile | PiecesLinkFile, MassFile)
+
+
+def _six_joints(joints: tuple[JointFile, ...]) -> tuple[JointFile, ...]:
+    if len(joints) != JOINTS:
+        raise ValueError(f"{len(joints)} are listed. {ONLY_SIX_JOINTS if len(joints) > JOINTS else 'An arm has six'}")
     return joints
 
 
-OfEachJoint = Annotated[tuple[PositiveNumber, ...], Field(min_length=JOINTS, max_length=JOINTS)]
+def _one_a_joint(values: tuple[float, ...]) -> tuple[float, ...]:
+    if len(values) != JOINTS:
+        raise ValueError(f"{len(values)} are listed; {JOINTS} are needed, one a joint, base to flange")
+    return values
+
+
+def _of_links(names: Sequence[LinkName]) -> Callable[[tuple[_OfLink, ...]], tuple[_OfLink, ...]]:
+    """Return what refuses a list that is not of these links, in this order."""
+
+    def check(listed: tuple[_OfLink, ...]) -> tuple[_OfLink, ...]:
+        given = [each.name for each in listed]
+        missing = [name for name in names if name not in given]
+        if missing:
+            raise ValueError(f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing")
+        if given != list(names):
+            raise ValueError(f"must be named {', '.join(names)}, in this order, each once")
+        return listed
+
+    return check
+
+
+def _so_many(count: int) -> dict[str, JsonValue]:
+    """Return what a schema says of a list that a validator counts: pydantic counts only what is valid in itself."""
+    return {"minItems": count, "maxItems": count}
+
+
+OfEachJoint = Annotated[
+    tuple[PositiveNumber, ...], AfterValidator(_one_a_joint), Field(json_schema_extra=_so_many(JOINTS))
+]
 
 
 class RobotFile(Asset):
@@ -184,11 +233,18 @@ class RobotFile(Asset):
 
     base: PlacementFile | None = None
     """Where the frame before the first joint is, on the frame with which the arm is mounted; None: they are one."""
-    joints: Annotated[tuple[JointFile, ...], Field(min_length=JOINTS), AfterValidator(_no_seventh)]
-    links: Annotated[tuple[LinkFile, ...], Field(min_length=7, max_length=7)] | None = None
+    joints: Annotated[tuple[JointFile, ...], AfterValidator(_six_joints), Field(json_schema_extra=_so_many(JOINTS))]
+    links: (
+        Annotated[
+            tuple[LinkFile, ...], AfterValidator(_of_links(LINK_NAMES)), Field(json_schema_extra=_so_many(JOINTS + 1))
+        ]
+        | None
+    ) = None
     links_of: AssetName | None = None
     """Another robot whose links stand in."""
-    masses: Annotated[tuple[MassFile, ...], Field(min_length=6, max_length=6)]
+    masses: Annotated[
+        tuple[MassFile, ...], AfterValidator(_of_links(LINK_NAMES[1:])), Field(json_schema_extra=_so_many(JOINTS))
+    ]
     """Of all links but the base."""
     payload: PositiveNumber
     """[kg]"""
@@ -196,13 +252,9 @@ class RobotFile(Asset):
     """[m]"""
 
     @model_validator(mode="after")
-    def _links_are_complete(self) -> Self:
+    def _links_are_said_once(self) -> Self:
         if (self.links is None) == (self.links_of is None):
             raise ValueError("exactly one of links and links_of is required")
-        if self.links is not None and tuple(link.name for link in self.links) != LINK_NAMES:
-            raise ValueError(f"links must be named {', '.join(LINK_NAMES)}, in this order")
-        if tuple(link.name for link in self.masses) != LINK_NAMES[1:]:
-            raise ValueError(f"masses must be named {', '.join(LINK_NAMES[1:])}, in this order")
         return self
 
 
@@ -282,7 +334,8 @@ class GripperFile(_HandFile):
     """Least and greatest grip force [N]."""
     squeeze: PositiveNumber
     """Grip force that is commanded where no task says otherwise [N]."""
-    width_max: PositiveNumber
+    width_max: Stroke
+    """How far the pads' inner faces are apart at most [m]."""
     linkage: LinkageFile
     pad_size: Lengths
     """Width, thickness in the opening direction, length [m]."""
@@ -309,8 +362,8 @@ class JawsFile(_HandFile):
     """Least and greatest grip force [N]."""
     squeeze: PositiveNumber
     """Grip force that is commanded where no task says otherwise [N]."""
-    width_max: PositiveNumber
-    """Stroke [m]."""
+    width_max: Stroke
+    """How far the pads' inner faces are apart at most [m]."""
     pad_size: Lengths
     """Width, thickness in the opening direction, length [m]."""
     pad_height: PositiveNumber
@@ -385,7 +438,7 @@ class FrameFile(_Part):
 
     profile: PositiveNumber
     height: PositiveNumber
-    columns: tuple[tuple[Number, Number], ...]
+    columns: Annotated[tuple[tuple[Number, Number], ...], Field(max_length=MOST_BODIES)]
     """Centres [x, y] on the floor [m]."""
 
 
@@ -394,7 +447,7 @@ class MountFile(Asset):
 
     arms: dict[ArmSide, ArmMountFile]
     table: BoxFile
-    platform: dict[AssetName, StillBodyFile]
+    platform: Annotated[dict[AssetName, StillBodyFile], Field(max_length=MOST_BODIES)]
     """What the arms are mounted on, and whatever else never moves: pedestals, fences, the legs of the table."""
     frame: FrameFile
 

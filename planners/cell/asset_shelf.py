@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -20,6 +21,9 @@ from scipy.spatial import ConvexHull, QhullError
 
 from assets import assets_folder
 from planners.cell.asset_files import (
+    FINGER_PATTERN,
+    NAME_PATTERN,
+    RELATIVE_PATH,
     Asset,
     CellFile,
     GripperFile,
@@ -34,7 +38,7 @@ from planners.cell.asset_files import (
 )
 from planners.contract.problems import json_pointer, problem_of
 from planners.contract.strict_yaml import NotYaml, parse_yaml
-from planners.errors import AssetError, AssetFault
+from planners.errors import AssetError, AssetFault, AssetFaults
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, obj_vertices, read_mesh_file
 from planners.geometry.pose import Array
 from planners.geometry.solid_mesh import SolidMesh, take_mesh
@@ -42,12 +46,33 @@ from planners.geometry.solid_mesh import SolidMesh, take_mesh
 AssetKind = Literal["cells", "mounts", "robots", "hands", "sensors", "tools"]
 KINDS: tuple[AssetKind, ...] = ("cells", "mounts", "robots", "hands", "sensors", "tools")
 """Folders of a shelf, and what the files in them are."""
+PARTS: Mapping[AssetKind, tuple[tuple[str, AssetKind], ...]] = {
+    "cells": (
+        ("mount", "mounts"),
+        ("arms/left/robot", "robots"),
+        ("arms/left/hand", "hands"),
+        ("arms/right/robot", "robots"),
+        ("arms/right/hand", "hands"),
+    ),
+    "hands": (("sensor", "sensors"),),
+}
+"""Members that name another file, and of which kind that is, by the kind of file that they are in."""
 SHORTEST_STILL, LONGEST_STILL = 1e-3, 20.0
 """Of a mesh that never moves [m]: what is shorter or longer was most likely drawn in another unit."""
 MESHES = "meshes"
 """The folder of shipped meshes that tasks name, all OBJ and in metres."""
 MESH_FORMATS: dict[str, MeshFormat] = {".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"}
 _HAND_KINDS: dict[str, type[HandFile]] = {"gripper": GripperFile, "jaws": JawsFile, "stick": StickFile}
+WHAT_NAMES_ARE = "must be 1 to 64 letters from A to Z or a to z, digits, underscores and hyphens"
+"""Of parts."""
+WHAT_PATHS_ARE = "letters from A to Z or a to z, digits, _, - and dots inside names, folders parted by /"
+_PLAIN = {
+    NAME_PATTERN: WHAT_NAMES_ARE,
+    RELATIVE_PATH: f"must be a path inside the cell's folder: {WHAT_PATHS_ARE}",
+    FINGER_PATTERN: "must be 1 to 32 small letters from a to z, digits and underscores, a letter first",
+}
+"""What patterns say, in words."""
+_NAME = re.compile(NAME_PATTERN)
 _File = TypeVar("_File", bound=Asset)
 
 
@@ -58,6 +83,8 @@ class AssetShelf:
     folders: tuple[Path, ...]
     kept: Path | None = None
     """A folder of ours where solids are kept, since covering one by convex parts takes up to ten seconds."""
+    told: frozenset[str] = frozenset()
+    """Files that are not there since something is wrong with them that is told already: `robots/<name>.yaml`."""
 
     def names(self, kind: AssetKind) -> list[str]:
         """List the names of all files of a kind."""
@@ -67,8 +94,10 @@ class AssetShelf:
         """Return the file of a name.
 
         Raises:
-            AssetError: There is none; the message lists those there are.
+            AssetError: There is none; the message lists those there are. Of what is told already it has no faults.
         """
+        if f"{kind}/{name}.yaml" in self.told:
+            raise AssetError
         for folder in self.folders:
             path = folder / kind / f"{name}.yaml"
             if path.is_file():
@@ -180,9 +209,36 @@ def read_cell_file(path: Path) -> CellFile:
     return _read(CellFile, path)
 
 
+def part_names(kind: AssetKind, path: Path) -> dict[str, str]:
+    """Return what a file of a kind names, by the member of `PARTS` that does, whatever else is wrong with the file.
+
+    What is no name of a part is left out, and so is everything of a file that cannot be read.
+    """
+    named = dict[str, str]()
+    with suppress(AssetError):
+        data = _mapping_at(path)
+        for member, _ in PARTS[kind]:
+            name: Any = data
+            for step in member.split("/"):
+                name = name.get(step) if isinstance(name, dict) else None
+            if isinstance(name, str) and _NAME.fullmatch(name):
+                named[member] = name
+    return named
+
+
 def read_mount_file(path: Path) -> MountFile:
     """Read mounts/*.yaml."""
-    return _read(MountFile, path)
+    table = _mapping_at(path).get("table")
+    faults = AssetFaults()
+    if not (isinstance(table, dict) and "mesh" in table):
+        return _read(MountFile, path)
+    # One sentence for all members that a box has, or has not.
+    faults.add("the table is a box, by center and size; what is a mesh stands in platform", str(path), "/table")
+    try:
+        _read(MountFile, path)
+    except AssetError as error:
+        faults.take(fault for fault in error.faults if not fault.pointer.startswith("/table/"))
+    raise AssetError(*faults.found)
 
 
 def read_robot_file(path: Path) -> RobotFile:
@@ -261,7 +317,12 @@ def validated(model: type[_File], data: Mapping[str, Any], called: str) -> _File
         # Validated as JSON: there, and only there, does strict mode accept arrays for tuples.
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        raise AssetError(*(_fault(each, called) for each in error.errors(include_url=False))) from error
+        raise AssetError(*faults_of(error, called)) from error
+
+
+def faults_of(error: ValidationError, called: str = "") -> tuple[AssetFault, ...]:
+    """Return everything that a file's model refuses, as faults of the file that messages call so."""
+    return tuple(_fault(each, called) for each in error.errors(include_url=False))
 
 
 def _mapping_at(path: Path) -> dict[str, Any]:
@@ -283,4 +344,11 @@ def _read(model: type[_File], path: Path) -> _File:
 def _fault(fault: ErrorDetails, file: str) -> AssetFault:
     """Return one of pydantic's faults. Steps in brackets are its own: a key of a mapping, a kind among several."""
     pointer = json_pointer(step for step in fault["loc"] if not str(step).startswith("["))
+    kind, context = fault["type"], fault.get("ctx", {})
+    if kind == "string_pattern_mismatch":
+        return AssetFault(_PLAIN.get(context.get("pattern", ""), problem_of(fault).detail), file, pointer)
+    if kind in ("too_long", "too_short"):
+        most = context.get("max_length")
+        detail = f"at least {context.get('min_length')} are needed" if most is None else f"at most {most} are taken"
+        return AssetFault(detail, file, pointer)
     return AssetFault(problem_of(fault).detail.removeprefix("Value error, "), file, pointer)

@@ -12,7 +12,8 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, Self
@@ -20,6 +21,7 @@ from typing import Any, Self
 from pydantic.json_schema import models_json_schema
 
 from planners.cell.asset_files import (
+    NAME_PATTERN,
     RELATIVE_PATH,
     CellFile,
     GripperFile,
@@ -30,8 +32,18 @@ from planners.cell.asset_files import (
     StickFile,
     UrdfRobotFile,
 )
-from planners.cell.asset_shelf import KINDS, AssetKind, AssetShelf, mapping_in, shipped_shelf, validated
-from planners.cell.cell import Cell, load_cell_file
+from planners.cell.asset_shelf import (
+    KINDS,
+    PARTS,
+    WHAT_NAMES_ARE,
+    WHAT_PATHS_ARE,
+    AssetKind,
+    AssetShelf,
+    mapping_in,
+    shipped_shelf,
+    validated,
+)
+from planners.cell.cell import Cell, CellParts
 from planners.cell.urdf_robot import RobotFigures, robot_from_urdf
 from planners.errors import AssetError, AssetFault, AssetFaults
 
@@ -44,6 +56,9 @@ _TEXTS = (".yaml", ".yml", ".json")
 _CELL = re.compile(r"^(?:cells/[^/]+|cell)\.(?:yaml|yml|json)$")
 _LITTER = re.compile(r"(?:^|/)(?:__MACOSX|\.DS_Store|Thumbs\.db)(?:/|$)")
 _PATH = re.compile(RELATIVE_PATH)
+_OUTSIDE = re.compile(r"^/|\\|:|\0|(?:^|/)\.")
+"""In a name: what leads elsewhere, on some system, or is hidden."""
+_NAMES = f"{WHAT_PATHS_ARE}, at most 200 characters"
 _BROKEN = (
     zipfile.BadZipFile,
     zipfile.LargeZipFile,
@@ -59,17 +74,20 @@ _BROKEN = (
 _SOLIDS = ".solids"
 """Of an unpacked bundle: none of its own files can be there, since no name in one begins with a dot."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-_NAMED: Mapping[AssetKind, tuple[tuple[str, AssetKind], ...]] = {
-    "cells": (
-        ("mount", "mounts"),
-        ("arms/left/robot", "robots"),
-        ("arms/left/hand", "hands"),
-        ("arms/right/robot", "robots"),
-        ("arms/right/hand", "hands"),
-    ),
-    "hands": (("sensor", "sensors"),),
-}
-"""Members that name another file, by the kind of file that they are in: that file's content may stand there itself."""
+
+
+@dataclass(frozen=True)
+class PartOrigin:
+    """Where a part stood in what was given."""
+
+    file: str
+    """Empty: all was one document."""
+    pointer: str | None
+    """Of the part in it; None: it is no file of members."""
+
+    def of(self, fault: AssetFault) -> AssetFault:
+        """Return a fault of the part as one of what was given."""
+        return replace(fault, file=self.file, pointer="" if self.pointer is None else self.pointer + fault.pointer)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +98,12 @@ class CellBundle:
     """By path inside the folder: `cells/NAME.yaml`, and what belongs to it in `mounts`, `robots`, `hands` and so on."""
     notes: tuple[str, ...] = ()
     """What was taken otherwise than written, or left out."""
+    faults: tuple[AssetFault, ...] = ()
+    """What is wrong with files that are none of `files` therefore; whoever loads the cell is told with the rest."""
+    told: frozenset[str] = frozenset()
+    """Paths of those."""
+    origins: Mapping[str, PartOrigin] = field(default_factory=dict[str, PartOrigin])
+    """Where each part stood in what was given, by its path; what is not listed stood there."""
 
     @classmethod
     def read(cls, path: Path) -> Self:
@@ -109,7 +133,7 @@ class CellBundle:
             AssetError: It is none.
         """
         suffix = Path(name).suffix.lower()
-        return cls._of({f"cell{suffix if suffix in _TEXTS else '.yaml'}": content})
+        return cls._of({f"cell{suffix if suffix in _TEXTS else '.yaml'}": content}, is_document=True)
 
     @classmethod
     def of_zip(cls, content: bytes) -> Self:
@@ -120,21 +144,25 @@ class CellBundle:
         """
         try:
             with zipfile.ZipFile(io.BytesIO(content)) as archive:
-                return cls._of(_files_of_zip(archive))
+                files = _files_of_zip(archive)
         except _BROKEN as error:
             raise AssetError(f"the zip cannot be read: {error}") from error
+        return cls._of(files)
 
     @classmethod
-    def _of(cls, given: Mapping[str, bytes]) -> Self:
+    def _of(cls, given: Mapping[str, bytes], *, is_document: bool = False) -> Self:
         """Check the sizes, and bring everything to the layout of the assets folder."""
-        files = _without_common_folder({name: each for name, each in given.items() if not _LITTER.search(name)})
+        named = _without_common_folder({name: each for name, each in given.items() if not _LITTER.search(name)})
+        files = {name: content for name, content in named.items() if _is_path(name)}
+        left_out = [f"{name!r} is left out: {_NAMES}" for name in named if name not in files]
         faults = AssetFaults()
         for name, content in files.items():
             if name.endswith(_TEXTS) and len(content) > LONGEST_TEXT:
-                faults.add(f"has {len(content)} bytes; at most {LONGEST_TEXT} are read", name)
+                faults.add(f"has {len(content)} bytes; at most {LONGEST_TEXT} are read", "" if is_document else name)
         faults.raise_any()
-        layout = _Layout(files)
-        return cls(layout.laid_out(), tuple(layout.notes))
+        layout = _Layout(files, named, is_document=is_document)
+        laid_out = layout.laid_out()
+        return cls(laid_out, (*left_out, *layout.notes), layout.faults.found, frozenset(layout.told), layout.origins)
 
     @cached_property
     def name(self) -> str:
@@ -162,14 +190,32 @@ class CellBundle:
         """Load the cell from its files, unpacked into a folder of their own below `folder` unless they are there.
 
         Raises:
-            AssetError: Something is wrong with it; every fault names its file as it is called in the bundle.
+            AssetError: Something is wrong with it; every fault names its file and member as they were given.
             OSError: The folder cannot be written.
         """
-        unpacked = self.unpack(folder)
-        try:
-            return load_unpacked(unpacked)
-        except AssetError as error:
-            raise AssetError(*(_inside(fault, unpacked) for fault in error.faults)) from error
+        faults = AssetFaults()
+        cell = self.read_parts(folder, faults).assembled
+        faults.raise_any()
+        # What is missing is told.
+        assert cell is not None
+        return cell
+
+    def read_parts(self, folder: Path, faults: AssetFaults) -> CellParts:
+        """Read what can be used of the cell, and gather all that is wrong with it; arguments as of `load`.
+
+        Raises:
+            OSError: The folder cannot be written.
+        """
+        unpacked, found = self.unpack(folder), AssetFaults()
+        shelf = replace(_shelf_at(unpacked), told=self.told)
+        parts = CellParts.read(_cell_file(unpacked), shelf, found)
+        faults.take(self.faults)
+        faults.take(self.as_given(_inside(fault, unpacked)) for fault in found.found)
+        return parts
+
+    def as_given(self, fault: AssetFault) -> AssetFault:
+        """Return a fault of one of `files` as one of the file and member in which it was given."""
+        return self.origins[fault.file].of(fault) if fault.file in self.origins else fault
 
     def unpack(self, folder: Path) -> Path:
         """Return the folder below `folder` that holds exactly these files; it is made whole or not at all."""
@@ -198,8 +244,21 @@ def load_unpacked(folder: Path) -> Cell:
     Raises:
         AssetError: Something is wrong with it.
     """
+    faults = AssetFaults()
+    cell = CellParts.read(_cell_file(folder), _shelf_at(folder), faults).assembled
+    faults.raise_any()
+    assert cell is not None
+    return cell
+
+
+def _cell_file(folder: Path) -> Path:
     (path,) = (folder / "cells").glob("*.yaml")
-    return load_cell_file(path, kept=folder / _SOLIDS)
+    return path
+
+
+def _shelf_at(folder: Path) -> AssetShelf:
+    """Return the files of an unpacked bundle and the shipped ones; solids are kept beside the former."""
+    return replace(shelf_of(folder), kept=folder / _SOLIDS)
 
 
 def cell_schema() -> dict[str, Any]:
@@ -237,13 +296,23 @@ def _inside(fault: AssetFault, folder: Path) -> AssetFault:
 class _Layout:
     """Brings files to the layout of the assets folder: one file a part, named by its name."""
 
-    def __init__(self, given: Mapping[str, bytes]) -> None:
-        self._given = given
+    def __init__(self, given: Mapping[str, bytes], named: Mapping[str, bytes], *, is_document: bool) -> None:
+        """Take the files, and what a URDF may name, which may be called as no file of a cell is.
+
+        With `is_document`, faults of the one file that there is are those of no file.
+        """
+        self._given, self._named, self._is_document = given, named, is_document
         self._files: dict[str, bytes] = {}
-        self._faults = AssetFaults()
-        self.notes: list[str] = []
+        self.faults, self.notes = AssetFaults(), list[str]()
+        self.told: set[str] = set()
+        self.origins: dict[str, PartOrigin] = {}
 
     def laid_out(self) -> dict[str, bytes]:
+        """Return the files that there are then; what is wrong with others is in `faults`.
+
+        Raises:
+            AssetError: There is no cell among them.
+        """
         given = self._given
         cells = [name for name in given if _CELL.match(name)]
         if len(cells) != 1:
@@ -251,31 +320,41 @@ class _Layout:
             raise AssetError(f"a cell is described by one file, cell.yaml or cells/NAME.yaml; {found}")
         for name, content in given.items():
             kind, _, rest = name.partition("/")
-            with self._faults.at(name):
-                if name in cells:
-                    self._take("cells", name, content, PurePosixPath(rest).stem if rest else None)
-                elif kind in KINDS and "/" not in rest and rest.endswith(_TEXTS):
-                    self._take(kind, name, content, PurePosixPath(rest).stem)
-                else:
-                    self._files[name] = content
-        self._faults.raise_any()
+            if name in cells:
+                self._take("cells", name, content, PurePosixPath(rest).stem if rest else None)
+            elif kind in KINDS and "/" not in rest and rest.endswith(_TEXTS):
+                self._take(kind, name, content, PurePosixPath(rest).stem)
+            else:
+                self._files[name] = content
+        self._check_folders()
+        if not any(name.startswith("cells/") for name in self._files):
+            self.faults.raise_any()
         return self._files
 
-    def _take(self, kind: AssetKind, name: str, content: bytes, stem: str | None) -> None:
-        data = mapping_in(content)
-        given = data.get("name")
-        if not isinstance(given, str) or not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", given):
-            raise AssetError(AssetFault("must be 1 to 64 letters, digits, underscores and hyphens", name, "/name"))
-        if stem is not None and stem != given:
-            raise AssetError(AssetFault(f"must be that of the file, {stem!r}", name, "/name"))
-        if self._take_parts(kind, data, name) or not name.endswith(".yaml"):
-            content = _written(data)
-        self._keep(f"{kind}/{given}.yaml", self._robot_of_urdf(data, name) or content, name)
+    def _check_folders(self) -> None:
+        """Refuse a file that is called as a folder of others: a zip may have both, a disk has one."""
+        folders = {folder.as_posix(): name for name in self._files for folder in PurePosixPath(name).parents}
+        for name in self._files.keys() & folders.keys():
+            self.faults.add(f"is a file, and cannot be the folder that {folders[name]} is in", name)
+            del self._files[name]
 
-    def _take_parts(self, kind: AssetKind, data: dict[str, Any], name: str) -> bool:
+    def _take(self, kind: AssetKind, name: str, content: bytes, stem: str | None) -> None:
+        origin = PartOrigin("" if self._is_document else name, "")
+        with self._told_of(f"{kind}/{stem}.yaml", origin):
+            data = mapping_in(content)
+            given = data.get("name")
+            if not isinstance(given, str) or not re.fullmatch(NAME_PATTERN, given):
+                raise AssetError(AssetFault(WHAT_NAMES_ARE, pointer="/name"))
+            if stem is not None and stem != given:
+                raise AssetError(AssetFault(f"must be that of the file, {stem!r}", pointer="/name"))
+            if self._take_parts(kind, data, origin) or not name.endswith(".yaml"):
+                content = _written(data)
+            self._keep(f"{kind}/{given}.yaml", data, content, origin)
+
+    def _take_parts(self, kind: AssetKind, data: dict[str, Any], holder_origin: PartOrigin) -> bool:
         """Give each part that stands in another's file a file of its own; tell whether there was one."""
         taken = False
-        for member, of_kind in _NAMED.get(kind, ()):
+        for member, of_kind in PARTS.get(kind, ()):
             *way, last = member.split("/")
             holder: Any = data
             for step in way:
@@ -286,37 +365,48 @@ class _Layout:
             taken = True
             part.setdefault("name", f"{data['name']}_{member.replace('/', '_').removeprefix('arms_')}")
             holder[last] = part["name"]
-            self._take_parts(of_kind, part, name)
-            with self._faults.at(name, f"/{member}"):
-                content = self._robot_of_urdf(part, name) or _written(part)
-                self._keep(f"{of_kind}/{part['name']}.yaml", content, name)
+            origin = replace(holder_origin, pointer=f"{holder_origin.pointer}/{member}")
+            self._take_parts(of_kind, part, origin)
+            path = f"{of_kind}/{part['name']}.yaml"
+            with self._told_of(path, origin):
+                self._keep(path, part, _written(part), origin)
         return taken
 
-    def _robot_of_urdf(self, data: Mapping[str, Any], name: str) -> bytes | None:
-        """Return a robot's file that says what a URDF does; None: `data` does not name one."""
-        if "urdf" not in data:
-            return None
-        file = validated(UrdfRobotFile, data, name)
+    def _keep(self, path: str, data: Mapping[str, Any], content: bytes, origin: PartOrigin) -> None:
+        """Keep a part, a robot that is described by a URDF as what that says."""
+        if not _PATH.match(path):
+            raise AssetError(f"a part cannot be called {path!r}")
+        if "urdf" in data:
+            content, origin = self._robot_of_urdf(validated(UrdfRobotFile, data, ""))
+        if self._files.get(path, content) != content:
+            raise AssetError(f"describes {path.removesuffix('.yaml')} a second time, and differently")
+        self._files[path] = content
+        self.origins.setdefault(path, origin)
+
+    def _robot_of_urdf(self, file: UrdfRobotFile) -> tuple[bytes, PartOrigin]:
+        """Return a robot's file that says what a URDF does, which is where it is from."""
         content = self._given.get(file.urdf)
         if content is None:
-            raise AssetError(AssetFault(f"there is no file {file.urdf} in the cell", name, "/urdf"))
+            raise AssetError(AssetFault(f"there is no file {file.urdf} in the cell", pointer="/urdf"))
         figures = RobotFigures(**file.model_dump(exclude={"urdf"}))
         folder = PurePosixPath(file.urdf).parent.as_posix().removeprefix(".")
         try:
-            robot = robot_from_urdf(content, figures, self._given.get, folder)
+            robot = robot_from_urdf(content, figures, self._named.get, folder)
         except AssetError as error:
-            raise error.at(file.urdf) from error
-        self.notes += (f"{file.name}: {note}" for note in robot.notes)
-        return _written(robot.file.model_dump(mode="json", exclude_none=True))
+            # What has a pointer is of the figures, the rest of the URDF.
+            told = (each if each.pointer else replace(each, file=file.urdf) for each in error.faults)
+            raise AssetError(*told) from error
+        self.notes += (f"{file.name}: {note}" for note in robot.notes if f"{file.name}: {note}" not in self.notes)
+        return _written(robot.file.model_dump(mode="json", exclude_none=True)), PartOrigin(file.urdf, None)
 
-    def _keep(self, path: str, content: bytes, given: str) -> None:
-        if not _PATH.match(path):
-            raise AssetError(AssetFault(f"a part cannot be called {path!r}", given))
-        if self._files.get(path, content) != content:
-            raise AssetError(
-                AssetFault(f"describes {path.removesuffix('.yaml')} a second time, and differently", given)
-            )
-        self._files[path] = content
+    @contextmanager
+    def _told_of(self, path: str, origin: PartOrigin) -> Iterator[None]:
+        """Gather what is wrong with the part that would be kept so; faults without a file are of where it stands."""
+        try:
+            yield
+        except AssetError as error:
+            self.told.add(path)
+            self.faults.take(each if each.file else origin.of(each) for each in error.faults)
 
 
 def _written(data: Mapping[str, Any]) -> bytes:
@@ -369,6 +459,11 @@ def _unpacked(archive: zipfile.ZipFile, entries: Iterable[zipfile.ZipInfo]) -> I
         yield entry.filename, content
 
 
+def _is_path(name: str) -> bool:
+    """Tell whether a file may be called so; a cell can name no other."""
+    return len(name) <= 200 and _PATH.fullmatch(name) is not None
+
+
 def _check_sizes(files: Iterable[tuple[str, int]]) -> None:
     """Refuse what is too much, and names that lead out of the folder."""
     faults, total, count = AssetFaults(), 0, 0
@@ -376,9 +471,8 @@ def _check_sizes(files: Iterable[tuple[str, int]]) -> None:
         total, count = total + size, count + 1
         if count > MOST_FILES:
             raise AssetError(f"there are more than {MOST_FILES} files")
-        if not _PATH.match(name) or len(name) > 200:
-            told = "letters, digits, _, - and dots inside names, folders parted by /, at most 200 characters"
-            faults.add(f"cannot be called so: {told}", name[:200])
+        if not _is_path(name) and _OUTSIDE.search(name):
+            faults.add(f"cannot be called so: {_NAMES}", name[:200])
     if total > MOST_BYTES:
         raise AssetError(f"the files have {total} bytes together; at most {MOST_BYTES} are taken")
     faults.raise_any()

@@ -9,12 +9,14 @@ from functools import cache, cached_property
 from pathlib import Path
 from threading import Lock
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 
 from planners.cell.arm import Arm, Robot, load_robot
 from planners.cell.asset_files import (
     ARM_NAMES,
+    ArmSide,
     BoxFile,
     CellFile,
     FrameFile,
@@ -24,7 +26,15 @@ from planners.cell.asset_files import (
     MountFile,
     ToolRestFile,
 )
-from planners.cell.asset_shelf import AssetShelf, fingerprint, read_cell_file, read_mount_file, shipped_shelf
+from planners.cell.asset_shelf import (
+    PARTS,
+    AssetShelf,
+    fingerprint,
+    part_names,
+    read_cell_file,
+    read_mount_file,
+    shipped_shelf,
+)
 from planners.cell.hand import Gripper, Pusher, load_hand
 from planners.contract.shapes import Box, InlineMesh
 from planners.errors import AssetError, AssetFaults
@@ -292,71 +302,107 @@ def load_cells() -> dict[str, Cell]:
     return dict(ShippedCells())
 
 
-def load_cell_file(path: Path | str, kept: Path | None = None) -> Cell:
+def load_cell_file(path: Path | str) -> Cell:
     """Load a cell of one's own.
 
     The mount, robots and hands it names are looked up in the folder that `cells/` stands in, then among the shipped.
-    What its meshes are made into is looked up in `kept`, and kept there for the next time.
 
     Raises:
         AssetError: A file is missing or wrong; the message names file and field.
     """
     path = Path(path)
-    return _load(path, AssetShelf((path.absolute().parent.parent, *shipped_shelf().folders), kept))
+    return _load(path, AssetShelf((path.absolute().parent.parent, *shipped_shelf().folders)))
 
 
 def _load(path: Path, shelf: AssetShelf) -> Cell:
-    file = read_cell_file(path)
-    mount, robots, hands = _parts(file, str(path), shelf)
-    arms = _arms(file, robots, hands, mount)
-    _check_payloads(arms, str(path))
-    contents = [file.model_dump_json(), mount.model_dump_json()]
-    contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
-    meshes = _meshes(mount, shelf)
-    contents += [fingerprint((each.mesh.vertices.tobytes(), each.mesh.faces.tobytes())) for each in meshes]
-    digest = fingerprint(text.encode() for text in contents)
-    rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
-    boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
-    lifter = _lifter(file.lifter or LifterFile())
-    return Cell(file.name, digest, arms, boxes, meshes, np.array(file.gravity), rest, lifter, shelf, file.mount)
-
-
-def _parts(
-    file: CellFile, path: str, shelf: AssetShelf
-) -> tuple[MountFile, dict[str, Robot], dict[str, Gripper | Pusher]]:
-    """Load what a cell's file names: each once, for both arms may be of one kind."""
     faults = AssetFaults()
-    mounts, robots, hands = dict[str, MountFile](), dict[str, Robot](), dict[str, Gripper | Pusher]()
-    with faults.at(path, "/mount"):
-        mounts[file.mount] = read_mount_file(shelf.find("mounts", file.mount))
-    for name, arm in file.arms.items():
-        with faults.at(path, f"/arms/{name}/robot"):
-            robots[arm.robot] = robots.get(arm.robot) or load_robot(arm.robot, shelf)
-        with faults.at(path, f"/arms/{name}/hand"):
-            hands[arm.hand] = hands.get(arm.hand) or load_hand(arm.hand, shelf)
+    cell = CellParts.read(path, shelf, faults).assembled
     faults.raise_any()
-    return mounts[file.mount], robots, hands
+    # What is missing is told.
+    assert cell is not None
+    return cell
 
 
-def _arms(
-    file: CellFile, robots: Mapping[str, Robot], hands: Mapping[str, Gripper | Pusher], mount: MountFile
-) -> dict[str, Arm]:
-    arms = {}
-    for name in ARM_NAMES:
-        place, wanted = mount.arms[name], file.arms[name]
-        robot = robots[wanted.robot]
-        T_world_base, home = place.transform() @ robot.T_mount_base, np.radians(place.home_deg)
-        arms[name] = Arm(name, robot, T_world_base, home, hands[wanted.hand])
-    return arms
+@dataclass(frozen=True, eq=False)
+class CellParts:
+    """What of a cell's files can be used, whatever is wrong with others of them."""
+
+    file: CellFile | None
+    """None: something is wrong with it."""
+    mount: MountFile | None
+    """None: something is wrong with it, or the cell names none."""
+    arms: Mapping[str, Arm]
+    """Those of which robot, hand and place are there, left first."""
+    meshes: tuple[StaticMesh, ...]
+    """Those of the mount that can be read."""
+    shelf: AssetShelf
+    """Where the files were found."""
+
+    @classmethod
+    def read(cls, path: Path, shelf: AssetShelf, faults: AssetFaults) -> Self:
+        """Read a cell's file and all that it names, each once, and gather what is wrong with any of it.
+
+        Args:
+            path: of the cell's file.
+            shelf: where to look for what it names.
+            faults: where everything that is wrong is added, with its file and member.
+        """
+        file, mount = None, None
+        robots, hands, named = dict[str, Robot](), dict[str, Gripper | Pusher](), part_names("cells", path)
+        with faults.at(str(path)):
+            file = read_cell_file(path)
+        with faults.at(str(path), "/mount"):
+            name = named.get("mount")
+            mount = None if name is None else read_mount_file(shelf.find("mounts", name))
+        for member, kind in PARTS["cells"]:
+            with faults.at(str(path), f"/{member}"):
+                name = named.get(member, "")
+                if kind == "robots" and name and name not in robots:
+                    robots[name] = load_robot(name, shelf)
+                elif kind == "hands" and name and name not in hands:
+                    hands[name] = load_hand(name, shelf)
+        if mount is None:
+            return cls(file, mount, {}, (), shelf)
+        arms = dict[str, Arm]()
+        for side in ARM_NAMES:
+            robot, hand = (named.get(f"arms/{side}/{member}", "") for member in ("robot", "hand"))
+            if robot in robots and hand in hands:
+                arms[side] = _arm(side, mount, robots[robot], hands[hand])
+        _check_payloads(arms, str(path), faults)
+        return cls(file, mount, arms, _meshes(mount, shelf, faults), shelf)
+
+    @property
+    def table(self) -> StaticBox:
+        """The table of the mount that there is."""
+        assert self.mount is not None
+        return _boxes(self.mount)[0]
+
+    @cached_property
+    def assembled(self) -> Cell | None:
+        """The cell without what cannot be used of it; None: too little is there."""
+        file, mount, arms = self.file, self.mount, self.arms
+        if file is None or mount is None or len(arms) < len(ARM_NAMES):
+            return None
+        contents = [file.model_dump_json(), mount.model_dump_json()]
+        contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
+        contents += [fingerprint((each.mesh.vertices.tobytes(), each.mesh.faces.tobytes())) for each in self.meshes]
+        digest = fingerprint(text.encode() for text in contents)
+        rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
+        boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
+        gravity, lifter = np.array(file.gravity), _lifter(file.lifter or LifterFile())
+        return Cell(file.name, digest, dict(arms), boxes, self.meshes, gravity, rest, lifter, self.shelf, file.mount)
 
 
-def _check_payloads(arms: Mapping[str, Arm], path: str) -> None:
-    faults = AssetFaults()
+def _arm(side: ArmSide, mount: MountFile, robot: Robot, hand: Gripper | Pusher) -> Arm:
+    place = mount.arms[side]
+    return Arm(side, robot, place.transform() @ robot.T_mount_base, np.radians(place.home_deg), hand)
+
+
+def _check_payloads(arms: Mapping[str, Arm], path: str, faults: AssetFaults) -> None:
     for name, arm in arms.items():
         if arm.spare_payload <= 0.0:
             bears = f"{arm.robot.name} bears {arm.robot.payload:.4g} kg at its flange"
             faults.add(f"{arm.hand.name} weighs {arm.hand.mass:.4g} kg, and {bears}", path, f"/arms/{name}/hand")
-    faults.raise_any()
 
 
 def _boxes(mount: MountFile) -> tuple[StaticBox, ...]:
@@ -365,9 +411,9 @@ def _boxes(mount: MountFile) -> tuple[StaticBox, ...]:
     return (_static_box("table", "table", mount.table), *platform, *_columns(mount.frame))
 
 
-def _meshes(mount: MountFile, shelf: AssetShelf) -> tuple[StaticMesh, ...]:
+def _meshes(mount: MountFile, shelf: AssetShelf, faults: AssetFaults) -> tuple[StaticMesh, ...]:
     """Load the meshes among what never moves, equal ones once: covering one by convex parts takes up to ten seconds."""
-    faults, meshes, known, triangles = AssetFaults(), list[StaticMesh](), dict[MeshFile, SolidMesh](), 0
+    meshes, known, triangles = list[StaticMesh](), dict[MeshFile, SolidMesh](), 0
     path = str(shelf.find("mounts", mount.name))
     for name, file in mount.platform.items():
         if isinstance(file, MeshBodyFile):
@@ -381,7 +427,6 @@ def _meshes(mount: MountFile, shelf: AssetShelf) -> tuple[StaticMesh, ...]:
                     known[file.mesh] = shelf.solid(file.mesh)
                     triangles += len(known[file.mesh].faces)
                 meshes.append(StaticMesh(f"platform_{name}", "frame", known[file.mesh], file.transform()))
-    faults.raise_any()
     return tuple(meshes)
 
 

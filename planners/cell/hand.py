@@ -11,7 +11,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from planners.cell.asset_files import BoxFile, GripperFile, HandFile, JawsFile, MeshFile, SensorFile, StickFile
-from planners.cell.asset_shelf import AssetShelf, fingerprint, read_hand_file, read_sensor_file
+from planners.cell.asset_shelf import AssetShelf, fingerprint, part_names, read_hand_file, read_sensor_file
 from planners.errors import AssetError, AssetFault, AssetFaults, LiftwrightError
 from planners.geometry.convex import CollisionBody, ConvexShape, box, capsule, cylinder, enclosing_hull
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, transform
@@ -240,11 +240,14 @@ def load_hand(name: str, shelf: AssetShelf) -> Gripper | Pusher:
         AssetError: A file is missing or wrong.
     """
     path = shelf.find("hands", name)
-    file = read_hand_file(path)
-    try:
-        sensor = read_sensor_file(shelf.find("sensors", file.sensor))
-    except AssetError as error:
-        raise error.at(str(path), "/sensor") from error
+    faults, file, sensor = AssetFaults(), None, None
+    with faults.at(str(path)):
+        file = read_hand_file(path)
+    for member, named in part_names("hands", path).items():
+        with faults.at(str(path), f"/{member}"):
+            sensor = read_sensor_file(shelf.find("sensors", named))
+    if file is None or sensor is None:
+        raise AssetError(*faults.found)
     match file:
         case GripperFile():
             return _linked_gripper(file, sensor, shelf, str(path))
@@ -257,9 +260,12 @@ def load_hand(name: str, shelf: AssetShelf) -> Gripper | Pusher:
 def _linked_gripper(file: GripperFile, sensor: SensorFile, shelf: AssetShelf, path: str) -> Gripper:
     origins = {name: np.array(origin) for name, origin in file.linkage.model_dump().items()}
     meshes = {name: getattr(file.meshes, name) for name in type(file.meshes).model_fields}
-    parts = _finger_parts(meshes, shelf, path)
     linkage = Linkage(**origins, pad_thickness=file.pad_size[1])
-    _check_stroke(linkage, file.width_max, path)
+    faults = AssetFaults()
+    with faults.at(path):
+        _check_stroke(linkage, file.width_max, path)
+    parts = _finger_parts(meshes, shelf, path, faults)
+    faults.raise_any()
     contents = [*_contents(file, sensor), *(shelf.mesh_path(mesh).read_bytes() for mesh in meshes.values())]
     return _gripper(file, sensor, linkage, parts, contents)
 
@@ -335,12 +341,13 @@ def _sensor_shape(file: SensorFile) -> ConvexShape:
     return cylinder(file.radius, file.length).placed(transform(None, [0.0, 0.0, 0.5 * file.length]))
 
 
-def _finger_parts(meshes: Mapping[str, MeshFile], shelf: AssetShelf, path: str) -> dict[str, ConvexShape]:
-    faults, parts = AssetFaults(), dict[str, ConvexShape]()
+def _finger_parts(
+    meshes: Mapping[str, MeshFile], shelf: AssetShelf, path: str, faults: AssetFaults
+) -> dict[str, ConvexShape]:
+    parts = dict[str, ConvexShape]()
     for name, mesh in meshes.items():
         with faults.at(path, f"/meshes/{name}"):
             parts[name] = ConvexShape(enclosing_hull(shelf.hull_points(mesh)))
-    faults.raise_any()
     return parts
 
 

@@ -1,13 +1,14 @@
 """A URDF as it is written: links with their masses and shapes, joints between them. Nothing is left out in silence.
 
 Only an expanded URDF is read, no xacro, and of it what describes rigid bodies and joints: `link` with `inertial`,
-`visual` and `collision`, `joint` with `origin`, `axis` and `limit` (http://wiki.ros.org/urdf/XML).
+`visual` and `collision`, `joint` with `origin`, `axis`, `limit` and `mimic`
+(http://wiki.ros.org/urdf/XML).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from xml.etree.ElementTree import Element, ParseError
@@ -16,7 +17,7 @@ import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
-from planners.errors import AssetError
+from planners.errors import AssetError, AssetFault, AssetFaults
 from planners.geometry.pose import Array, Transform, rotation_x, rotation_y, rotation_z, transform
 
 LARGEST_FILE = 4_000_000
@@ -27,7 +28,7 @@ LARGEST_NUMBER = 1e9
 ROUNDED_DIGITS = (2, 3, 4, 5, 6)
 """Decimals of an angle that, if it has no more, stands for the multiple of a right angle that is rounded so: 1.57."""
 _QUARTER = 0.5 * math.pi
-FIXED, REVOLUTE, CONTINUOUS = "fixed", "revolute", "continuous"
+FIXED, REVOLUTE, CONTINUOUS, FLOATING = "fixed", "revolute", "continuous", "floating"
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +101,11 @@ class UrdfJoint:
     T_as_written: Transform
     """The same, with all digits that are there."""
     axis: Array
-    """(3,) unit vector in the joint's frame."""
+    """(3,) unit vector in the joint's frame; of no meaning where a joint turns or slides about none."""
     limits: Mapping[str, float]
     """Those of `lower`, `upper` [rad], `velocity` [rad/s] and `effort` [Nm] that are stated."""
+    mimics: str | None
+    """The joint that this one follows; None: it moves by itself."""
 
     def T_parent_child(self, position: float) -> Transform:
         """Return where the child is at a position [rad], as written."""
@@ -128,16 +131,19 @@ class Urdf:
         """Return the joints from one link out to another, fixed ones included.
 
         Raises:
-            AssetError: There is no such link, or the tip does not hang on the root.
+            AssetError: There is no such link, or the tip does not hang on the root; faults point at `/root` or `/tip`.
         """
+        faults = AssetFaults()
         for what, name in (("root", root), ("tip", tip)):
             if name not in self.links:
-                raise AssetError(f"{what}: there is no link {name!r}; there are: {', '.join(self.links)}")
+                faults.add(f"there is no link {name!r}; there are: {', '.join(self.links)}", pointer=f"/{what}")
+        faults.raise_any()
         found: list[UrdfJoint] = []
         link = tip
         while link != root:
             if link not in self.joint_above:
-                raise AssetError(f"tip: the link {tip!r} does not hang on {root!r}, but on {link!r}")
+                detail = f"the link {tip!r} does not hang on {root!r}, but on {link!r}"
+                raise AssetError(AssetFault(detail, pointer="/tip"))
             found.append(self.joint_above[link])
             link = found[-1].parent
         return tuple(reversed(found))
@@ -147,7 +153,7 @@ def read_urdf(content: bytes) -> Urdf:
     """Read a URDF.
 
     Raises:
-        AssetError: It is none, is too large or not expanded, or one of its elements is wrong; the message names it.
+        AssetError: It is none, is too large or not expanded, or elements are wrong; the message names each.
     """
     if len(content) > LARGEST_FILE:
         raise AssetError(f"the URDF has {len(content)} bytes; {LARGEST_FILE} are read")
@@ -159,33 +165,36 @@ def read_urdf(content: bytes) -> Urdf:
         raise AssetError(f"the URDF's outermost element is {robot.tag!r}, not 'robot'")
     if any("xacro" in str(element.tag) for element in robot.iter()):
         raise AssetError("the URDF has xacro elements: expand it first, `xacro robot.urdf.xacro > robot.urdf`")
-    links = _by_name([_link(element) for element in robot.findall("link")])
-    if not 0 < len(links) <= MOST_LINKS:
-        raise AssetError(f"the URDF has {len(links)} links; 1 to {MOST_LINKS} are read")
-    joints = tuple(_joint(element) for element in robot.findall("joint"))
+    count = len(robot.findall("link"))
+    if not 0 < count <= MOST_LINKS:
+        raise AssetError(f"the URDF has {count} links; 1 to {MOST_LINKS} are read")
+    faults, links, joints = AssetFaults(), dict[str, UrdfLink](), list[UrdfJoint]()
+    for element in robot.findall("link"):
+        with faults.at(""):
+            link = _link(element)
+            if link.name in links:
+                raise AssetError(f"link {link.name!r}: is there twice")
+            links[link.name] = link
+    for element in robot.findall("joint"):
+        with faults.at(""):
+            joints.append(_joint(element))
+    # What hangs on what is known when all links and joints are.
+    faults.raise_any()
     _check_tree(links, joints)
-    return Urdf(links, joints)
+    return Urdf(links, tuple(joints))
 
 
-def _by_name(links: list[UrdfLink]) -> dict[str, UrdfLink]:
-    named: dict[str, UrdfLink] = {}
-    for link in links:
-        if link.name in named:
-            raise AssetError(f"link {link.name!r}: is there twice")
-        named[link.name] = link
-    return named
-
-
-def _check_tree(links: Mapping[str, UrdfLink], joints: tuple[UrdfJoint, ...]) -> None:
+def _check_tree(links: Mapping[str, UrdfLink], joints: Sequence[UrdfJoint]) -> None:
     """Check that joints name links, and that following them up from any link comes to an end."""
-    above: dict[str, str] = {}
+    faults, above = AssetFaults(), dict[str, str]()
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:
-                raise AssetError(f"joint {joint.name!r}: there is no link {link!r}")
+                faults.add(f"joint {joint.name!r}: there is no link {link!r}")
         if joint.child in above:
-            raise AssetError(f"joint {joint.name!r}: the link {joint.child!r} hangs on another joint already")
+            faults.add(f"joint {joint.name!r}: the link {joint.child!r} hangs on another joint already")
         above[joint.child] = joint.parent
+    faults.raise_any()
     # Each link is walked from once: what was found to end is not walked again.
     ends: set[str] = set()
     for link in above:
@@ -248,25 +257,33 @@ _SHAPES = {"box": _box, "cylinder": _cylinder, "sphere": _sphere, "mesh": _mesh}
 def _joint(element: Element) -> UrdfJoint:
     name = _text(element, "name", "a joint")
     where = f"joint {name!r}"
-    axis = element.find("axis")
-    direction = np.array([1.0, 0.0, 0.0]) if axis is None else _numbers(axis, "xyz", 3, f"{where}: axis")
-    length = float(np.linalg.norm(direction))
-    if length < 1e-9:
-        raise AssetError(f"{where}: axis: xyz must not be 0 0 0")
-    limit = element.find("limit")
+    kind = _text(element, "type", where)
+    limit, mimic = element.find("limit"), element.find("mimic")
     stated = (
         () if limit is None else (each for each in ("lower", "upper", "velocity", "effort") if each in limit.attrib)
     )
     return UrdfJoint(
         name=name,
-        kind=_text(element, "type", where),
+        kind=kind,
         parent=_text(_child(element, "parent", where), "link", f"{where}: parent"),
         child=_text(_child(element, "child", where), "link", f"{where}: child"),
         T_parent_joint=_origin(element, where, squared=True),
         T_as_written=_origin(element, where),
-        axis=direction / length,
+        # Exporters write an axis 0 0 0 on joints that have none.
+        axis=np.array([1.0, 0.0, 0.0]) if kind in (FIXED, FLOATING) else _axis(element, where),
         limits={each: _number(limit, each, f"{where}: limit") for each in stated} if limit is not None else {},
+        mimics=None if mimic is None else _text(mimic, "joint", f"{where}: mimic"),
     )
+
+
+def _axis(joint: Element, where: str) -> Array:
+    """Return the unit vector (3,) about or along which a joint moves, x where none is stated."""
+    axis = joint.find("axis")
+    direction = np.array([1.0, 0.0, 0.0]) if axis is None else _numbers(axis, "xyz", 3, f"{where}: axis")
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise AssetError(f"{where}: axis: xyz must not be 0 0 0")
+    return direction / length
 
 
 def _origin(element: Element, where: str, *, squared: bool = False) -> Transform:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import get_args
 
 import numpy as np
 import trimesh
+from pydantic import ValidationError
 from scipy.spatial import ConvexHull, QhullError
 
 from planners.cell.asset_files import (
@@ -22,12 +24,14 @@ from planners.cell.asset_files import (
     LINK_NAMES,
     ONLY_SIX_JOINTS,
     JointFile,
+    LinkName,
     MassFile,
     PiecesLinkFile,
     PlacementFile,
     RobotFile,
     Triple,
 )
+from planners.cell.asset_shelf import faults_of
 from planners.cell.urdf_file import (
     CONTINUOUS,
     FIXED,
@@ -42,8 +46,8 @@ from planners.cell.urdf_file import (
     UrdfSphere,
     read_urdf,
 )
-from planners.errors import AssetError
-from planners.geometry.convex import box, cylinder
+from planners.errors import AssetError, AssetFaults
+from planners.geometry.convex import box, cylinder, enclosing_hull
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, read_mesh_file
 from planners.geometry.pose import Array, Transform, inverse
 from planners.kinematics.arm_kind import NoClosedForm, arm_kind
@@ -58,6 +62,17 @@ EXACT = 1e-7
 FURTHEST = math.radians(540.0)
 """Position of a joint [rad]."""
 CYLINDER_SIDES = 16
+LARGEST = 1e4
+"""Of what a robot's file says of a joint [deg/s, Nm]."""
+SWIFTEST = 50.0
+"""Speed of a joint [rad/s]: that of none, as far as is known; what is larger is most likely in degrees."""
+FARTHEST = 1e3
+"""Of a link's shape from its frame [m]."""
+MOST_SHAPES = 200
+"""Of all links: as many as fit a file of a cell if each is thinned."""
+MOST_CORNERS = 12_000
+"""Of all shapes together."""
+_IN_DEGREES = ": a URDF has radians; are these degrees?"
 _TRIALS = 200
 """Random postures in which both kinematics are compared."""
 _FORMATS: Mapping[str, MeshFormat] = {each: each for each in get_args(MeshFormat)}
@@ -106,55 +121,79 @@ def robot_from_urdf(content: bytes, figures: RobotFigures, resolve: Resolve, fol
 
     Raises:
         AssetError: The URDF is wrong, has another number of joints, is of no kind that has a closed form, or leaves
-            something out that the figures do not give; the message names the element.
+            something out that the figures do not give. Every fault is told, and names its element; those that have a
+            pointer are of the figures.
     """
     urdf = read_urdf(content)
     chain = urdf.chain(figures.root, figures.tip)
     moving = _moving(chain, figures)
-    notes = [*_left_out(urdf, chain, figures)]
-    T_root_0, dh = table_of_axes(*_axes(chain))
-    kind = arm_kind(dh)
-    if isinstance(kind, NoClosedForm):
-        raise AssetError(f"joints {', '.join(joint.name for joint in moving)}: {kind.reason}")
-    deviation = _deviation(chain, T_root_0, dh)
+    faults, notes = AssetFaults(), [*_left_out(urdf, chain, figures)]
+    # Where there is no table, what else is wrong is told as well.
+    T_root_0, dh, deviation = np.eye(4), np.zeros((JOINTS, 4)), (0.0, 0.0)
+    with faults.at(""):
+        T_root_0, dh = table_of_axes(*_axes(chain))
+        kind = arm_kind(dh)
+        if isinstance(kind, NoClosedForm):
+            raise AssetError(f"joints {', '.join(joint.name for joint in moving)}: {kind.reason}")
+        deviation = _deviation(chain, T_root_0, dh)
     if max(deviation) > EXACT:
         far = f"{1e3 * deviation[0]:.3g} mm and {math.degrees(deviation[1]):.3g} deg"
         notes.append(f"rounded angles and lengths were taken as exact; that moves the flange by up to {far}")
     frames = np.empty((JOINTS + 1, 4, 4))
     link_frames(dh, T_root_0, np.zeros(JOINTS), frames)
     bodies = list(_bodies(urdf, chain, figures))
-    pieces = [_pieces(body, frames[i], _Meshes(resolve, folder)) for i, body in enumerate(bodies)]
+    pieces = _all_pieces(bodies, frames, _Meshes(resolve, folder), faults)
+    joints = [_joint_file(i, joint, dh[i], figures, notes, faults) for i, joint in enumerate(moving)]
+    masses = _mass_files(bodies[1:], frames[1:], pieces[1:], figures, faults)
+    faults.raise_any()
     placement = _placement(T_root_0)
-    file = RobotFile(
-        name=figures.name,
-        base=None if placement == _AT_ORIGIN else placement,
-        joints=tuple(_joint_file(i, joint, dh[i], figures, notes) for i, joint in enumerate(moving)),
-        links=tuple(
-            PiecesLinkFile(name=name, pieces=tuple(_corners(piece) for piece in parts))
-            for name, parts in zip(LINK_NAMES, pieces, strict=True)
-        ),
-        masses=tuple(_mass_files(bodies[1:], frames[1:], pieces[1:], figures)),
-        payload=figures.payload,
-        reach=round(_span(dh), 3),
-    )
+    with _told_of("the arm"):
+        file = RobotFile(
+            name=figures.name,
+            base=None if placement == _AT_ORIGIN else placement,
+            joints=tuple(joint for joint in joints if joint is not None),
+            links=tuple(
+                PiecesLinkFile(name=name, pieces=tuple(_corners(piece) for piece in parts))
+                for name, parts in zip(LINK_NAMES, pieces, strict=True)
+            ),
+            masses=masses,
+            payload=figures.payload,
+            reach=round(_span(dh), 3),
+        )
     return UrdfRobot(file, tuple(joint.name for joint in moving), deviation, tuple(notes))
 
 
+@contextmanager
+def _told_of(what: str) -> Iterator[None]:
+    """Have numbers that are beyond what a robot's file may say be told of an element of the URDF.
+
+    Raises:
+        AssetError: There are such.
+    """
+    try:
+        yield
+    except ValidationError as error:
+        told = ((fault.pointer.strip("/"), fault.detail) for fault in faults_of(error))
+        raise AssetError(*(": ".join(part for part in (what, *each) if part) for each in told)) from error
+
+
 def _moving(chain: Sequence[UrdfJoint], figures: RobotFigures) -> tuple[UrdfJoint, ...]:
-    moving = tuple(joint for joint in chain if joint.kind != FIXED)
+    moving, faults = tuple(joint for joint in chain if joint.kind != FIXED), AssetFaults()
     for joint in moving:
+        where = f"joint {joint.name!r}"
         if joint.kind not in (REVOLUTE, CONTINUOUS):
-            raise AssetError(
-                f"joint {joint.name!r}: type {joint.kind!r}: joints of an arm turn, {REVOLUTE} or {CONTINUOUS}"
-            )
+            faults.add(f"{where}: type {joint.kind!r}: joints of an arm turn, {REVOLUTE} or {CONTINUOUS}")
+        if joint.mimics is not None:
+            faults.add(f"{where}: mimic: it follows {joint.mimics!r}; joints of an arm turn by themselves here")
     if len(moving) != JOINTS:
         between = f"{len(moving)} joints turn between {figures.root!r} and {figures.tip!r}"
         names = ", ".join(joint.name for joint in moving) or "none"
-        raise AssetError(f"{between} ({names}). " + (ONLY_SIX_JOINTS if len(moving) > JOINTS else "An arm has six."))
+        faults.add(f"{between} ({names}). " + (ONLY_SIX_JOINTS if len(moving) > JOINTS else "An arm has six."))
     for name in ("acceleration", "torque", "mass"):
         given = getattr(figures, name)
         if given is not None and (len(given) != JOINTS or min(given) <= 0.0):
-            raise AssetError(f"{name}: must be {JOINTS} numbers greater than 0, one a joint")
+            faults.add(f"must be {JOINTS} numbers greater than 0, one a joint", pointer=f"/{name}")
+    faults.raise_any()
     return moving
 
 
@@ -227,39 +266,60 @@ def _deviation(chain: Sequence[UrdfJoint], T_root_0: Transform, dh: Array) -> tu
     return distance, angle
 
 
-def _joint_file(i: int, joint: UrdfJoint, row: Array, figures: RobotFigures, notes: list[str]) -> JointFile:
-    where = f"joint {joint.name!r}: limit"
+def _joint_file(
+    i: int, joint: UrdfJoint, row: Array, figures: RobotFigures, notes: list[str], faults: AssetFaults
+) -> JointFile | None:
+    """Return what the file says of a joint; None: something is wrong with it."""
+    where = f"joint {joint.name!r}"
     velocity, effort = joint.limits.get("velocity", 0.0), joint.limits.get("effort", 0.0)
-    if velocity <= 0.0:
-        raise AssetError(f"{where}: velocity must be greater than 0 rad/s")
-    if figures.torque is None and effort <= 0.0:
-        raise AssetError(f"{where}: effort must be greater than 0 Nm, or `torque` be given for all joints")
-    return JointFile(
-        name=JOINT_NAMES[i],
-        a=float(row[0]),
-        alpha_deg=_degrees(row[1]),
-        d=float(row[2]),
-        theta0_deg=_degrees(row[3]),
-        position_deg=_range(joint, where, notes),
-        velocity_deg=math.degrees(velocity),
-        acceleration=float(figures.acceleration[i]),
-        torque=float(effort if figures.torque is None else figures.torque[i]),
-    )
+    wrong = list[str]()
+    if not 0.0 < velocity <= math.radians(LARGEST):
+        most = f"{math.radians(LARGEST):.0f} rad/s{_IN_DEGREES if velocity > 0.0 else ''}"
+        wrong.append(f"velocity must be greater than 0 and at most {most}")
+    elif velocity > SWIFTEST:
+        notes.append(f"{where} turns at {velocity:g} rad/s{_IN_DEGREES}")
+    if figures.torque is None and not 0.0 < effort <= LARGEST:
+        most = f"{LARGEST:g} Nm, or `torque` be given for all joints"
+        wrong.append(f"effort must be greater than 0 and at most {most}")
+    position = _range(joint, notes, wrong)
+    for each in wrong:
+        faults.add(f"{where}: limit: {each}")
+    if position is None or wrong:
+        return None
+    with faults.at(""), _told_of(where):
+        return JointFile(
+            name=JOINT_NAMES[i],
+            a=float(row[0]),
+            alpha_deg=_degrees(row[1]),
+            d=float(row[2]),
+            theta0_deg=_degrees(row[3]),
+            position_deg=position,
+            velocity_deg=math.degrees(velocity),
+            acceleration=float(figures.acceleration[i]),
+            torque=float(effort if figures.torque is None else figures.torque[i]),
+        )
+    return None
 
 
-def _range(joint: UrdfJoint, where: str, notes: list[str]) -> tuple[float, float]:
-    """Return the range of a joint [deg]."""
+def _range(joint: UrdfJoint, notes: list[str], wrong: list[str]) -> tuple[float, float] | None:
+    """Return the range of a joint [deg]; None: it has none, and `wrong` says why."""
+    where = f"joint {joint.name!r}"
     if joint.kind == CONTINUOUS:
-        notes.append(f"joint {joint.name!r} turns without end; it is given -360 to 360 deg")
+        notes.append(f"{where} turns without end; it is given -360 to 360 deg")
         return -360.0, 360.0
     if not {"lower", "upper"} <= set(joint.limits):
-        raise AssetError(f"{where}: lower and upper are required of a joint that is {REVOLUTE}")
+        wrong.append(f"lower and upper are required of a joint that is {REVOLUTE}")
+        return None
     lower, upper = joint.limits["lower"], joint.limits["upper"]
     if lower >= upper:
-        raise AssetError(f"{where}: lower must be less than upper")
+        wrong.append("lower must be less than upper")
+        return None
     if max(-lower, upper) > FURTHEST:
-        notes.append(f"joint {joint.name!r} turns further than 540 deg; it is given no more")
+        notes.append(f"{where} turns further than 540 deg, and is given no more{_IN_DEGREES}")
         lower, upper = max(lower, -FURTHEST), min(upper, FURTHEST)
+    if lower >= upper:
+        wrong.append("all of its range is further than 540 deg away from zero")
+        return None
     return math.degrees(lower), math.degrees(upper)
 
 
@@ -273,19 +333,27 @@ def _mass_files(
     frames: Array,
     pieces: Sequence[list[Array]],
     figures: RobotFigures,
-) -> Iterator[MassFile]:
-    """Yield masses and centres of mass of the links that move, each in its own frame."""
+    faults: AssetFaults,
+) -> tuple[MassFile, ...]:
+    """Return masses and centres of mass of the links that move, each in its own frame."""
+    found = list[MassFile]()
     for i, name in enumerate(LINK_NAMES[1:]):
-        if figures.mass is not None:
-            yield MassFile(name=name, mass=float(figures.mass[i]), com=_triple(_middle(pieces[i])))
-            continue
-        total = sum(link.mass for _, link in bodies[i])
-        if total <= 0.0:
-            links = ", ".join(repr(link.name) for _, link in bodies[i])
-            raise AssetError(f"{links}: no mass is stated: add `inertial`, or give `mass` for all links that move")
-        moment = sum((link.mass * (T[:3, :3] @ link.com + T[:3, 3]) for T, link in bodies[i]), np.zeros(3))
-        back = inverse(frames[i])
-        yield MassFile(name=name, mass=total, com=_triple(back[:3, :3] @ (moment / total) + back[:3, 3]))
+        links = ", ".join(repr(link.name) for _, link in bodies[i])
+        with faults.at(""), _told_of(links):
+            if figures.mass is None:
+                found.append(_stated_mass(name, bodies[i], frames[i], links))
+            elif pieces[i]:
+                found.append(MassFile(name=name, mass=float(figures.mass[i]), com=_triple(_middle(pieces[i]))))
+    return tuple(found)
+
+
+def _stated_mass(name: LinkName, body: Sequence[tuple[Transform, UrdfLink]], frame: Transform, links: str) -> MassFile:
+    total = sum(link.mass for _, link in body)
+    if total <= 0.0:
+        raise AssetError(f"{links}: no mass is stated: add `inertial`, or give `mass` for all links that move")
+    moment = sum((link.mass * (T[:3, :3] @ link.com + T[:3, 3]) for T, link in body), np.zeros(3))
+    back = inverse(frame)
+    return MassFile(name=name, mass=total, com=_triple(back[:3, :3] @ (moment / total) + back[:3, 3]))
 
 
 def _middle(pieces: Sequence[Array]) -> Array:
@@ -353,25 +421,47 @@ def _resolved(path: str) -> list[str] | None:
     return steps
 
 
-def _pieces(body: Sequence[tuple[Transform, UrdfLink]], frame: Transform, meshes: _Meshes) -> list[Array]:
-    """Return the corners (n, 3) of the convex hull of each shape of a body, in its frame [m].
+def _all_pieces(
+    bodies: Sequence[Sequence[tuple[Transform, UrdfLink]]], frames: Array, meshes: _Meshes, faults: AssetFaults
+) -> list[list[Array]]:
+    """Return, by body, the corners (n, 3) of a convex hull around each of its shapes, in its frame [m].
 
-    Raises:
-        AssetError: It has none, or one spans no volume.
+    There are as many corners as a file of a cell may have: where a hull has more, fewer are put around it.
     """
+    count = sum(len(link.solids) for body in bodies for _, link in body)
+    if count > MOST_SHAPES:
+        faults.add(f"the arm has {count} shapes; at most {MOST_SHAPES} are taken: join or simplify them")
+        return [[] for _ in bodies]
+    most = MOST_CORNERS // max(1, count)
+    return [_pieces(body, frames[i], meshes, most, faults) for i, body in enumerate(bodies)]
+
+
+def _pieces(
+    body: Sequence[tuple[Transform, UrdfLink]], frame: Transform, meshes: _Meshes, most: int, faults: AssetFaults
+) -> list[Array]:
     found: list[Array] = []
     for T_root_link, link in body:
         for solid in link.solids:
             T = inverse(frame) @ T_root_link @ solid.T_link_solid
-            points = _points(solid, f"link {link.name!r}", meshes) @ T[:3, :3].T + T[:3, 3]
-            try:
-                found.append(points[ConvexHull(points).vertices])
-            except QhullError as error:
-                raise AssetError(f"link {link.name!r}: a shape spans no volume") from error
-    if not found:
+            with faults.at(""):
+                points = _points(solid, f"link {link.name!r}", meshes)
+                corners = _hull(points @ T[:3, :3].T + T[:3, 3], f"link {link.name!r}")
+                found.append(corners if len(corners) <= most else enclosing_hull(corners))
+    if not any(link.solids for _, link in body):
         links = ", ".join(repr(link.name) for _, link in body)
-        raise AssetError(f"{links}: no shape is stated: collisions could not be checked. Add `collision`")
+        faults.add(f"{links}: no shape is stated: collisions could not be checked. Add `collision`")
     return found
+
+
+def _hull(points: Array, where: str) -> Array:
+    """Return the corners among points (n, 3) [m]."""
+    # What is no number is not within it either.
+    if not (np.abs(points) <= FARTHEST).all():
+        raise AssetError(f"{where}: a shape has corners that are no numbers, or farther than {FARTHEST:g} m away")
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError as error:
+        raise AssetError(f"{where}: a shape spans no volume") from error
 
 
 def _points(solid: UrdfSolid, where: str, meshes: _Meshes) -> Array:

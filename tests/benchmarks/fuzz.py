@@ -28,7 +28,7 @@ from planners.program import NotExportable, exportable
 from tests.benchmarks.tasks import Note, task_body
 from tests.support import mesh_bombs
 from tests.support.audited_service import NOTES
-from tests.support.own_cell import station, station_files, zipped
+from tests.support.own_cell import furnished, furnished_files, station, station_files, zipped
 from tests.support.scan_frames import shipped as shipped_scan
 from tests.support.service import TASKS, ServiceProcess, running_service
 
@@ -248,7 +248,12 @@ class Programs:
 def kinds() -> dict[str, Kind]:
     """Return all kinds of bad input, by name."""
     scan, programs = shipped_scan(), Programs()
-    stations, zips = [station()], [zipped(station_files()), zipped(station_files(), zipfile.ZIP_STORED)]
+    stations, zips = [station(), furnished()], [zipped(station_files()), zipped(station_files(), zipfile.ZIP_STORED)]
+    own = furnished_files()
+    # A file within the archive is damaged: of one that is damaged itself, nothing within is ever read.
+    inside = [st.tuples(st.just(name), damaged([content])) for name, content in own.items()]
+    archives = st.one_of(inside).map(lambda each: zipped({**own, each[0]: each[1]}))
+    described_zips = changed([furnished()]).map(lambda each: zipped({**own, "cell.yaml": json.dumps(each).encode()}))
     pictures = {name: damaged([content]) for name, content in scan.files.items()}
     described = changed([scan.description])
     scans = st.one_of(
@@ -262,7 +267,7 @@ def kinds() -> dict[str, Kind]:
     return {
         "tasks": Kind(0.5, changed(BASES), send_task),
         "meshes": Kind(0.3, near_meshes(), send_mesh),
-        "cells": Kind(0.12, st.one_of(changed(stations), damaged(zips)), send_cell),
+        "cells": Kind(0.12, st.one_of(changed(stations), damaged(zips), archives, described_zips), send_cell),
         "scans": Kind(0.05, scans, send_scan),
         "plan documents": Kind(0.03, documents, programs.read),
     }

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import copy
 import io
+import itertools
 import json
 import math
 import random
 import stat
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +19,14 @@ import numpy as np
 import pytest
 import trimesh
 from geometry.mesh_shapes import file_of
-from support.own_cell import station, station_files, written, zipped
+from support.own_cell import INDUSTRIAL, furnished, furnished_files, own_robot, station, station_files, written, zipped
 from support.samples import sample
 
 from planners.cell import bundle as bundle_module
 from planners.cell.bundle import CellBundle
 from planners.certify import load_surfaces
 from planners.errors import AssetError
-from planners.survey.faults import check_cell
+from planners.survey.faults import load_checked
 from tests.cell.urdf_arms import INDUSTRIAL_AXES, INDUSTRIAL_TIP, UrdfArm
 
 MUTATIONS = 300
@@ -83,7 +85,7 @@ def test_links_may_have_meshes_of_ones_own_in_any_format(tmp_path: Path) -> None
     shapes = {}
     for kind in ("stl", "obj", "ply", "glb"):
         files = {**station_files(), f"meshes/wrist.{kind}": file_of(box, kind)}
-        robot = json.loads(json.dumps(_shipped_robot()))
+        robot = {**own_robot(), "name": "ur10e"}
         mesh = {"path": f"meshes/wrist.{kind}", "scale": 0.5}
         robot["links"][6] = {"name": "wrist_3", "position": [0, 0, 0], "rpy_deg": [0, 0, 0], "mesh": mesh}
         files["robots/ur10e.yaml"] = written(robot)
@@ -93,12 +95,6 @@ def test_links_may_have_meshes_of_ones_own_in_any_format(tmp_path: Path) -> None
         # The certificate finds and reads the file by itself.
         (hull,) = load_surfaces({"left": ("ur10e", "pushing_stick_ft300")}, cell.shelf.folders)["left"].links[6]
         np.testing.assert_allclose(np.ptp(hull.vertices, axis=0), [0.05, 0.05, 0.1], atol=1e-6)
-
-
-def _shipped_robot() -> dict[str, Any]:
-    from planners.cell.asset_shelf import read_robot_file, shipped_shelf
-
-    return read_robot_file(shipped_shelf().find("robots", "ur10e")).model_dump(mode="json", exclude_none=True)
 
 
 def test_what_is_unpacked_twice_is_unpacked_once_and_nothing_is_left_of_a_failure(tmp_path: Path) -> None:
@@ -142,6 +138,12 @@ REFUSED = {
             b"%c: &%c [%s]\n" % (c, c, b",".join([b"*%c" % (c - 1)] * 10)) for c in range(ord("b"), ord("i")))}),
         "more than 100000 values",
     ),
+    "a file where a folder is needed": (
+        zipped({"cell.yaml": WHOLE, "cells": b""}), "cells: is a file, and cannot be the folder that cells/station.yaml"
+    ),
+    "a file and a folder of one name": (
+        zipped({"cell.yaml": WHOLE, "meshes": b"", "meshes/x.stl": b""}), "meshes: is a file, and cannot be the folder"
+    ),
     "a long text": (zipped({"cell.yaml": b"#" * 1_000_001}), "has 1000001 bytes"),
 }  # fmt: skip
 
@@ -151,6 +153,35 @@ def test_a_zip_that_is_no_cell_is_refused_with_the_reason(content: bytes, reason
     with pytest.raises(AssetError) as caught:
         CellBundle.of_zip(content).load(tmp_path)
     assert reason in str(caught.value)
+
+
+def test_a_urdf_that_cannot_be_used_is_no_broken_zip(tmp_path: Path) -> None:
+    """Neither a corner of a mesh that is no number, nor numbers beyond what a file of a cell may have."""
+    files = furnished_files()
+    stl = bytearray(files["arm/link.stl"])
+    stl[100:104] = b"\0\0\xc0\x7f"
+    for broken in ({"arm/link.stl": bytes(stl)}, {"arm/arm.urdf": files["arm/arm.urdf"].replace(b'"120"', b'"1e6"')}):
+        with pytest.raises(AssetError) as caught:
+            CellBundle.of_zip(zipped({**files, **broken})).load(tmp_path)
+        assert "zip cannot be read" not in str(caught.value)
+        assert {fault.file for fault in caught.value.faults} == {"arm/arm.urdf"}
+        assert all(fault.detail.startswith(("link 'l", "joint 'j")) for fault in caught.value.faults)
+
+
+def test_files_with_other_names_are_left_out_and_a_urdf_may_have_meshes_so_called(tmp_path: Path) -> None:
+    files = furnished_files()
+    plain = CellBundle.of_zip(zipped(files))
+    files |= {"Maßblatt.pdf": b"", "drawings/as built.dwg": b"", "arm/the link.stl": files.pop("arm/link.stl")}
+    files["arm/arm.urdf"] = files["arm/arm.urdf"].replace(b"link.stl", b"the link.stl")
+    for name, content in files.items():
+        path = tmp_path / "given" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    for bundle in (CellBundle.of_zip(zipped(files)), CellBundle.read(tmp_path / "given")):
+        assert [note.partition(" is left out")[0] for note in sorted(bundle.notes)] == [
+            "'Maßblatt.pdf'", "'arm/the link.stl'", "'drawings/as built.dwg'"
+        ]  # fmt: skip
+        assert bundle.load(tmp_path / "unpacked").hash == plain.load(tmp_path / "unpacked").hash
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
@@ -237,38 +268,61 @@ def spoiled(content: bytes, chance: random.Random) -> bytes:
     return bytes(spoiled)
 
 
+def spoiled_cells(chance: random.Random) -> Iterator[Callable[[], CellBundle]]:
+    """Yield what reads cells of which something is wrong, in documents, in archives, and in files within them."""
+    whole, own, files = zipped(station_files()), furnished(), furnished_files()
+    while True:
+        plain = written(mutated(station(), chance))
+        yield partial(CellBundle.of_text, plain)
+        changed = {**files, "cell.yaml": written(mutated(own, chance))}
+        yield partial(CellBundle.of_zip, zipped(changed))
+        yield partial(CellBundle.of_zip, spoiled(whole, chance))
+        name = chance.choice([name for name in files if name != "cell.yaml"])
+        yield partial(CellBundle.of_zip, zipped({**files, name: spoiled(files[name], chance)}))
+
+
 def test_whatever_is_wrong_with_a_cell_is_told_as_a_fault_and_nothing_is_written_elsewhere(tmp_path: Path) -> None:
-    chance = random.Random(16)
     folder, refused = tmp_path / "cells", list[AssetError]()
-    count = sample(60, MUTATIONS)
-    for index in range(count):
+    count = sample(80, MUTATIONS)
+    for read in itertools.islice(spoiled_cells(random.Random(16)), count):
         try:
-            if index % 3 == 2:
-                bundle = CellBundle.of_zip(spoiled(zipped(station_files()), chance))
-            else:
-                bundle = CellBundle.of_text(json.dumps(mutated(station(), chance)).encode())
-            check_cell(bundle.load(folder))
+            load_checked(read(), folder)
         except AssetError as error:
             refused.append(error)
     assert len(refused) > count // 2
     for fault in (fault for error in refused for fault in error.faults):
         assert fault.detail
+        assert "pydantic" not in fault.detail
         assert str(tmp_path) not in f"{fault.file} {fault.detail}"
     assert {path.name for path in tmp_path.iterdir()} <= {"cells"}
 
 
-INDUSTRIAL = {
-    "urdf": "arm/arm.urdf",
-    "root": "l0",
-    "tip": "tip",
-    "payload": 12.0,
-    "acceleration": [5.0, 5.0, 5.0, 8.0, 8.0, 8.0],
-}
+@pytest.mark.parametrize("links", [[5] * 7, [None] * 7, 5, ["cylinders"] * 7, [["pieces"]] * 7])
+def test_links_that_are_no_mappings_are_told_so(links: Any, tmp_path: Path) -> None:
+    document = furnished()
+    document["arms"]["left"]["robot"]["links"] = links
+    document["mount"]["platform"] = {}
+    with pytest.raises(AssetError) as caught:
+        CellBundle.of_text(written(document)).load(tmp_path)
+    assert all("/links" in fault.pointer for fault in caught.value.faults)
+
+
+def test_what_would_take_for_ever_is_refused(tmp_path: Path) -> None:
+    """As many bodies that pairs of them fill the memory, and a hand whose fingers open for kilometres."""
+    document = furnished()
+    document["arms"]["right"]["hand"]["width_max"] = 9999.0
+    document["mount"]["frame"]["columns"] = [[5.0 + i, 30.0] for i in range(3000)]
+    box = {"center": [9.0, 0.0, 0.5], "size": [0.1, 0.1, 0.1]}
+    document["mount"]["platform"] = {f"box_{i}": box for i in range(3000)}
+    with pytest.raises(AssetError) as caught:
+        CellBundle.of_text(written(document)).load(tmp_path)
+    told = {fault.pointer.rpartition("/")[2] for fault in caught.value.faults}
+    assert told == {"width_max", "columns", "platform"}
 
 
 def urdf_files(**changes: Any) -> dict[str, bytes]:
     """Return the station with arms from a URDF that is among its files."""
-    robot = {"name": "industrial", **INDUSTRIAL, **changes}
+    robot = {**INDUSTRIAL, **changes}
     cell = station()
     for side in ("left", "right"):
         cell["arms"][side]["robot"] = "industrial"
@@ -293,15 +347,16 @@ def test_an_arm_may_come_as_a_urdf_among_the_files(tmp_path: Path) -> None:
     [
         ({"urdf": "arm/other.urdf"}, "robots/industrial.yaml", "/urdf", "there is no file arm/other.urdf"),
         ({"payload": -1.0}, "robots/industrial.yaml", "/payload", "greater than 0"),
-        ({"acceleration": [1.0]}, "robots/industrial.yaml", "/acceleration", "at least 6"),
-        ({"tip": "hand"}, "arm/arm.urdf", "", "hand"),
+        ({"acceleration": [1.0]}, "robots/industrial.yaml", "/acceleration", "1 are listed; 6 are needed"),
+        ({"torque": [1e5, 1, 1, 1, 1, 1]}, "robots/industrial.yaml", "/torque/0", "less than or equal to 10000"),
+        ({"tip": "hand"}, "robots/industrial.yaml", "/tip", "there is no link 'hand'; there are: l0, l1"),
     ],
 )
 def test_what_is_wrong_with_a_urdf_or_with_what_is_said_of_it_is_told(
-    changes: dict[str, Any], file: str, pointer: str, detail: str
+    changes: dict[str, Any], file: str, pointer: str, detail: str, tmp_path: Path
 ) -> None:
     with pytest.raises(AssetError) as caught:
-        CellBundle.of_zip(zipped(urdf_files(**changes)))
+        CellBundle.of_zip(zipped(urdf_files(**changes))).load(tmp_path)
     (fault,) = caught.value.faults
     assert (fault.file, fault.pointer) == (file, pointer)
     assert detail in fault.detail

@@ -254,15 +254,39 @@ WRONG = {
         "/joints/2: position_deg must list the lower limit first",
     ),
     "an arm of another family": ("robots/ur3e", ["joints", 1, "alpha_deg"], 90, "alpha 2 is 90 deg, not 0 or 180"),
-    "links in another order": ("robots/ur3e", ["links", 0, "name"], "forearm", "links must be named base, shoulder"),
+    "links in another order": ("robots/ur3e", ["links", 0, "name"], "forearm", "/links: base is missing"),
     "a link without a centre of mass": (
         "robots/ur3e",
         ["masses", 2],
         {"name": "forearm", "mass": 1.437},
         "/masses/2/com: is required",
     ),
+    "a link twice": (
+        "robots/ur3e",
+        ["links", 1],
+        {"name": "base", "cylinders": [{"start": [0, 0, 0], "end": [0, 0, 1], "radius": 1}]},
+        "/links: shoulder is missing",
+    ),
+    "a table that is a mesh": (
+        "mounts/dual_column",
+        ["table"],
+        {"mesh": {"path": "meshes/table.stl"}, "position": [0, 0, 0], "rpy_deg": [0, 0, 0]},
+        "/table: the table is a box, by center and size",
+    ),
+    "an umlaut": (
+        "mounts/dual_column",
+        ["platform"],
+        {"Säule": {"center": [0, 0, 0], "size": [1, 1, 1]}},
+        "must be 1 to 64 letters from A to Z or a to z, digits",
+    ),
+    "a path with a blank": (
+        "hands/robotiq_2f85_ft300",
+        ["meshes", "base", "path"],
+        "my base.obj",
+        "/meshes/base/path: must be a path inside the cell's folder: letters from A to Z",
+    ),
     "links without masses": ("robots/ur3e", ["masses"], [], "/masses: "),
-    "masses in another order": ("robots/ur3e", ["masses", 5, "name"], "base", "masses must be named shoulder, upper"),
+    "masses in another order": ("robots/ur3e", ["masses", 5, "name"], "base", "/masses: wrist_3 is missing"),
     "a mesh that is not there": (
         "robots/ur3e",
         ["links", 4, "mesh", "path"],
@@ -308,6 +332,13 @@ WRONG = {
     "a name that is not the file's": ("mounts/dual_column", ["name"], "wall", "/name: must be that of the file"),
     "a date": ("cells/dual_ur3e_lift", ["gravity"], [0, 0, datetime.date(2026, 1, 1)], "/gravity/2: must be a number"),
 }
+
+
+def test_a_number_that_is_wrong_is_no_list_that_is_too_short(shelf):
+    edit(shelf / "robots" / "ur3e.yaml", ["masses", 2, "mass"], -1.0)
+    with pytest.raises(AssetError) as caught:
+        load_cell_file(shelf / "cells" / "dual_ur3e_lift.yaml")
+    assert {fault.pointer for fault in caught.value.faults} == {"/masses/2/mass"}
 
 
 @pytest.mark.parametrize(("file", "keys", "value", "message"), WRONG.values(), ids=WRONG.keys())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -12,8 +13,10 @@ import trimesh
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from planners.cell import urdf_robot
 from planners.cell.arm import Robot, load_robot
 from planners.cell.asset_shelf import AssetShelf
+from planners.cell.bundle import LONGEST_TEXT
 from planners.cell.urdf_robot import RobotFigures, UrdfRobot, robot_from_urdf
 from planners.certify import load_surfaces
 from planners.errors import AssetError
@@ -229,6 +232,51 @@ def test_a_joint_without_an_end_is_given_a_turn_to_either_side():
 
 
 SEVENTH = (((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
+
+
+def test_a_hull_of_very_many_corners_is_thinned_and_still_encloses_the_link(monkeypatch):
+    """The meshes of makers have more corners than a file of a cell has room for."""
+    points = np.random.default_rng(5).normal(size=(4000, 3))
+    points *= np.array([0.12, 0.10, 0.08]) / np.linalg.norm(points, axis=1)[:, None]
+    files = {"a.stl": trimesh.convex.convex_hull(points).export(file_type="stl")}
+    arm = ur5e(shape='<mesh filename="a.stl"/>')
+    thinned = described(arm, files.get).file
+    monkeypatch.setattr(urdf_robot, "MOST_CORNERS", 10**9)
+    whole = described(arm, files.get).file
+    assert len(json.dumps(thinned.model_dump(mode="json"), indent=1)) < LONGEST_TEXT / 10
+    for few, all_of_it in zip(thinned.links, whole.links, strict=True):
+        hull, corners = ConvexHull(few.pieces[0]), np.array(all_of_it.pieces[0])
+        assert len(few.pieces[0]) <= 60 < 3000 < len(corners)
+        assert (hull.equations[:, :3] @ corners.T + hull.equations[:, 3:]).max() < 1e-6
+        assert hull.volume < 1.1 * ConvexHull(corners).volume
+
+
+def test_everything_that_is_wrong_with_a_urdf_is_told_at_once():
+    """As makers publish some: neither torques nor masses, and here meshes are missing too."""
+    limit = 'lower="-1" upper="1" velocity="1" effort="0"'
+    with pytest.raises(AssetError) as caught:
+        described(ur5e(mass=0.0, limit=limit, shape='<mesh filename="a.stl"/>'))
+    told = [fault.detail for fault in caught.value.faults]
+    assert [sum(words in each for each in told) for words in ("effort must", "no mass is", "is not there")] == [6, 6, 7]
+    with pytest.raises(AssetError) as caught:
+        described(ur5e(limit='lower="x" upper="1" velocity="1" effort="1"', shape="<capsule/>"))
+    assert len(caught.value.faults) == 6 + 7
+
+
+def test_an_axis_is_read_of_joints_that_move():
+    """Exporters write an axis 0 0 0 on joints that are fixed."""
+    flat = '<axis xyz="0 0 0"/>'
+    fixed = '<link name="x"/><joint name="f" type="fixed"><parent link="l6"/><child link="x"/>' + flat + "</joint>"
+    assert described(ur5e(more=fixed)).file == described(ur5e()).file
+    with pytest.raises(AssetError, match="axis: xyz must not be 0 0 0"):
+        described(ur5e(more=fixed.replace("fixed", "revolute")))
+
+
+def test_angles_that_are_most_likely_in_degrees_are_noted():
+    notes = described(ur5e(limit='lower="-170" upper="170" velocity="90" effort="1"')).notes
+    assert sum("a URDF has radians; are these degrees?" in note for note in notes) == 12
+
+
 WRONG = {
     "seven joints": (replace(ur5e(), axes=(*ur5e().axes, *SEVENTH), kinds=("revolute",) * 7), "7 joints turn"),
     "five joints": (replace(ur5e(), axes=ur5e().axes[:5]), "5 joints turn between 'l0' and 'tip'"),
@@ -248,6 +296,22 @@ WRONG = {
     "no effort": (ur5e(limit='lower="-1" upper="1" velocity="1" effort="0"'), "effort must be greater than 0"),
     "no range": (ur5e(limit='velocity="1" effort="1"'), "lower and upper are required"),
     "a range the wrong way round": (ur5e(limit='lower="1" upper="-1" velocity="1" effort="1"'), "lower must be less"),
+    "an effort of no motor": (
+        ur5e(limit='lower="-1" upper="1" velocity="1" effort="100000"'),
+        "effort must be greater",
+    ),
+    "a speed in degrees": (
+        ur5e(limit='lower="-1" upper="1" velocity="360" effort="1"'),
+        "a URDF has radians; are these degrees",
+    ),
+    "a range beyond all turns": (ur5e(limit='lower="50" upper="60" velocity="1" effort="1"'), "further than 540 deg"),
+    "a heavy link": (ur5e(mass=1e5), "'l1': mass: must be less than or equal to 10000"),
+    "a joint that follows another": (ur5e(joint_more='<mimic joint="j1"/>'), "mimic: it follows 'j1'"),
+    "far too many shapes": (
+        ur5e(link_more='<collision><geometry><sphere radius="1"/></geometry></collision>' * 300),
+        "the arm has 307 shapes; at most 200",
+    ),
+    "a shape of kilometres": (ur5e(shape='<box size="1e5 1 1"/>'), "farther than 1000 m"),
     "not a number": (ur5e(limit='lower="nan" upper="1" velocity="1" effort="1"'), "lower: must be 1 number, not 'nan'"),
     "a flat box": (ur5e(shape='<box size="1 0 1"/>'), "lengths must be greater than 0"),
     "an unknown shape": (ur5e(shape="<capsule/>"), "must be one of box, cylinder, sphere, mesh"),

@@ -51,6 +51,7 @@ class UrdfArm:
     mass: float = 2.5
     more: str = ""
     link_more: str = ""
+    joint_more: str = ""
 
     def write(self) -> bytes:
         rng = np.random.default_rng(self.seed)
@@ -68,7 +69,7 @@ class UrdfArm:
             text += (
                 f'<joint name="j{i}" type="{self.kinds[i - 1]}"><parent link="l{i - 1}"/><child link="l{i}"/>'
                 f'{self._origin(inverse(frames[i - 1]) @ frames[i])}<axis xyz="{self._numbers(direction)}"/>'
-                f"<limit {self.limit}/></joint>"
+                f"<limit {self.limit}/>{self.joint_more}</joint>"
             )
         last = len(self.axes)
         tip = inverse(frames[-1]) @ self.T_root_base @ self.T_base_tip

@@ -6,11 +6,12 @@ import re
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
 import yaml
-from support.own_cell import station, station_files, written, zipped
+from support.own_cell import INDUSTRIAL, station, station_files, written, zipped
 from support.service import FAKE_SOLVER
 from support.serving import served
 
@@ -48,7 +49,7 @@ def test_every_fault_is_told_on_a_line_with_its_file_and_member(
     file.write_bytes(written(station(gravity=[0, 0, 9.81], arms={"left": {"robot": "ur99"}})))
     assert main(["cell", "check", str(file)]) == BAD_INPUT
     told = capsys.readouterr().err.splitlines()
-    assert any(line.startswith("cells/station.yaml: /arms/left/hand: is required") for line in told)
+    assert any(line.startswith(f"{file}: /arms/left/hand: is required") for line in told)
     assert main(["cell", "check", str(tmp_path / "nowhere")]) == BAD_INPUT
     assert "nowhere" in capsys.readouterr().err
 
@@ -85,3 +86,28 @@ def test_a_cell_is_not_called_as_a_shipped_one_is(
     for at in (keeper, ["--data-dir", str(tmp_path / "data")]):
         assert main(["cell", "add", str(file), *at]) != 0
         assert "give a cell of your own another name" in capsys.readouterr().err
+    assert main(["cell", "check", str(file)]) == BAD_INPUT
+    assert capsys.readouterr().err.startswith(f"{file}: /name: 'dual_ur3e_lift' is shipped with the service; give a")
+
+
+def test_what_a_service_refuses_is_told_where_it_stands_in_what_was_given(
+    keeper: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is sent as files of its own, of which whoever has written one document knows nothing."""
+    document = station()
+    document["mount"]["arms"]["left"]["home_deg"][0] += 360
+    file = tmp_path / "mine.yaml"
+    for place, changed in (("/mount/arms/left/home_deg/0", document), ("/urdf", with_urdf(document))):
+        file.write_bytes(written(changed))
+        for arguments in (
+            ["check", str(file)],
+            ["add", str(file), *keeper],
+            ["add", str(file), "--data-dir", str(tmp_path)],
+        ):
+            assert main(["cell", *arguments]) == BAD_INPUT
+            assert any(line.startswith(f"{file}: ") and place in line for line in capsys.readouterr().err.splitlines())
+
+
+def with_urdf(document: dict[str, Any]) -> dict[str, Any]:
+    arms = {**document["arms"], "right": {**document["arms"]["right"], "robot": INDUSTRIAL}}
+    return {**document, "arms": arms}

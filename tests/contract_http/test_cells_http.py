@@ -68,6 +68,14 @@ def test_a_cell_comes_as_a_document_a_zip_or_a_form_and_is_the_same_one(client: 
     assert same(yaml.json()) == same(whole)
 
 
+def test_what_was_taken_otherwise_is_noted_for_whoever_asks_for_the_cell(client: httpx.Client) -> None:
+    files = {"cell.yaml": written(station(name="noted")), "as built.pdf": b""}
+    noted = client.post("/v1/cells", content=zipped(files), headers=ZIP).json()
+    assert [note.partition(":")[0] for note in noted["notes"]] == ["'as built.pdf' is left out"]
+    assert client.get(noted["links"]["self"]).json()["notes"] == noted["notes"]
+    assert client.get("/v1/cells/dual_ur3e_lift").json()["notes"] is None
+
+
 def test_a_cell_is_listed_with_the_shipped_ones_and_its_files_come_back(client: httpx.Client) -> None:
     cell = add(client)
     listed = client.get("/v1/cells").json()["cells"]

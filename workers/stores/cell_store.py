@@ -12,7 +12,7 @@ import threading
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,9 +59,11 @@ class StoredCell:
     """It is only there for plans and studies that are in it."""
 
 
-class _KeptLimits(BaseModel):
+class _KeptBeside(BaseModel):
     """What is kept beside a cell's figures."""
 
+    notes: tuple[str, ...] = ()
+    """What was taken otherwise than written, or most likely was not meant."""
     limits: CellLimits | None = None
     """None: the cell was posted to a version that did not keep them."""
 
@@ -81,9 +83,21 @@ class CellStore:
         """By id; None: it cannot be loaded. Of all that was asked for: a cell never changes, and they are small."""
 
     def add(
-        self, bundle: CellBundle, figures: SurveyFigures, limits: CellLimits, owner: str | None
+        self,
+        bundle: CellBundle,
+        figures: SurveyFigures,
+        limits: CellLimits,
+        owner: str | None,
+        notes: Sequence[str] = (),
     ) -> tuple[StoredCell, bool]:
         """Keep a cell, as the next version of its name.
+
+        Args:
+            bundle: the cell.
+            figures: what it can do.
+            limits: what its tasks must keep within.
+            owner: whose it is.
+            notes: what whoever asks for it is told of it.
 
         Returns:
             The cell, and whether this has added it. What the same owner posted before is found again, is there again if
@@ -98,6 +112,7 @@ class CellStore:
         version = sa.select(sa.func.coalesce(sa.func.max(CELLS.c.version), 0) + 1).where(
             CELLS.c.name == bundle.name, CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner
         )
+        beside = _KeptBeside(notes=tuple(notes), limits=limits)
         row = {
             "id": cell_id,
             "created_us": now_us(),
@@ -105,7 +120,7 @@ class CellStore:
             "name": bundle.name,
             "version": version.scalar_subquery(),
             "hash": figures.hash,
-            "figures": json.dumps({**figures.model_dump(mode="json"), "limits": limits.model_dump(mode="json")}),
+            "figures": json.dumps({**figures.model_dump(mode="json"), **beside.model_dump(mode="json")}),
             "zip": bundle.zip(),
         }
         while True:
@@ -127,13 +142,18 @@ class CellStore:
         text = self._database.scalar(sa.select(CELLS.c.figures).where(CELLS.c.id == cell_id))
         return None if text is None else SurveyFigures.model_validate_json(text)
 
+    def notes(self, cell_id: str) -> tuple[str, ...]:
+        """Return what was noted when a cell was posted."""
+        text = self._database.scalar(sa.select(CELLS.c.figures).where(CELLS.c.id == cell_id))
+        return () if text is None else _KeptBeside.model_validate_json(text).notes
+
     def limits(self, cell_ids: Collection[str]) -> dict[str, CellLimits]:
         """Return the limits of cells, by id; what cannot be loaded any more is left out."""
         unknown = [cell_id for cell_id in cell_ids if cell_id not in self._limits]
         if unknown:
             query = sa.select(CELLS.c.id, CELLS.c.figures).where(CELLS.c.id.in_(unknown))
             for row in self._database.rows(query):
-                kept = _KeptLimits.model_validate_json(row.figures).limits
+                kept = _KeptBeside.model_validate_json(row.figures).limits
                 self._limits[row.id] = kept or self._limits_of(row.id)
         known = {cell_id: self._limits.get(cell_id) for cell_id in cell_ids}
         return {cell_id: limits for cell_id, limits in known.items() if limits is not None}
@@ -183,8 +203,12 @@ class CellStore:
         return cell
 
     @contextmanager
-    def passing(self, bundle: CellBundle) -> Iterator[Cell]:
+    def passing(self, bundle: CellBundle, load: Callable[[CellBundle, Path], Cell] = CellBundle.load) -> Iterator[Cell]:
         """Load a cell without keeping it: its files are gone behind the block.
+
+        Args:
+            bundle: the cell.
+            load: loads it, unpacked below a folder.
 
         Raises:
             AssetError: Something is wrong with it.
@@ -192,7 +216,7 @@ class CellStore:
         self.folder.mkdir(parents=True, exist_ok=True)
         # Not where the system keeps what is temporary: that may be memory, and a cell has up to 64 MB.
         with tempfile.TemporaryDirectory(dir=self.folder, prefix=".checking-") as place:
-            yield bundle.load(Path(place))
+            yield load(bundle, Path(place))
 
     def delete(self, cell_id: str) -> None:
         """Have a cell for no more tasks; its files go when no plan and no study is in it any more."""
