@@ -319,7 +319,8 @@ class GripperMeshes(_Part):
 
 
 class _HandFile(Asset):
-    sensor: AssetName
+    sensor: AssetName | None = None
+    """Between flange and hand. None: nothing is, as where the arm has one of its own."""
     mass: PositiveNumber
     """[kg], without the sensor."""
     com: NotNegative

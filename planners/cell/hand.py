@@ -1,4 +1,4 @@
-"""What an arm carries at its flange: a parallel gripper, or a stick to push with. Both on a force-torque sensor."""
+"""What an arm carries at its flange: a parallel gripper, or a stick to push with, either on a force-torque sensor."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
@@ -112,8 +112,8 @@ class Gripper:
     """Gripper and sensor [kg]."""
     com: Array
     """(3,) of gripper and sensor, in the flange frame [m]."""
-    sensor: ConvexShape
-    """In the flange frame."""
+    sensor: ConvexShape | None
+    """In the flange frame; None: it has none."""
     base_height: float
     """Where the gripper's base frame is on the flange's z axis; its axes are the flange's [m]."""
     fingers: Linkage | Jaws
@@ -164,7 +164,10 @@ class Gripper:
         Raises:
             WidthError: The gripper does not open so far.
         """
-        shapes = {"ft300": self.sensor, "gripper_base": self.base.placed(self._T_flange_base)}
+        shapes: dict[str, ConvexShape | None] = {
+            "ft300": self.sensor,
+            "gripper_base": self.base.placed(self._T_flange_base),
+        }
         for finger, frames in enumerate(self._finger_frames(width)):
             shapes[f"pad_{finger}"] = self.pad.placed(frames["pad"])
             for name, part in self.finger_parts.items():
@@ -208,8 +211,8 @@ class Pusher:
     """Stick and sensor [kg]."""
     com: Array
     """(3,) of stick and sensor, in the flange frame [m]."""
-    sensor: ConvexShape
-    """In the flange frame."""
+    sensor: ConvexShape | None
+    """In the flange frame; None: it has none."""
     stick: ConvexShape
     """Capsule that ends short of the tip, in the flange frame: it never touches what the tip touches."""
     tip: ConvexShape
@@ -229,6 +232,28 @@ class Pusher:
         return StickDocument(kind="stick", mass=self.mass, com=self.com, tcp=tcp, tip_radius=self.tip_radius)
 
 
+@dataclass(frozen=True, eq=False)
+class _Sensor:
+    """What is between the flange and a hand."""
+
+    length: float
+    """[m]"""
+    mass: float
+    """[kg]"""
+    shape: ConvexShape | None
+    """In the flange frame; None: there is nothing."""
+    contents: tuple[bytes, ...]
+
+    @classmethod
+    def of(cls, file: SensorFile) -> Self:
+        """Take a sensor as its file describes it."""
+        shape = cylinder(file.radius, file.length).placed(transform(None, [0.0, 0.0, 0.5 * file.length]))
+        return cls(file.length, file.mass, shape, (file.model_dump_json().encode(),))
+
+
+_NO_SENSOR = _Sensor(0.0, 0.0, None, ())
+
+
 def load_hand(name: str, shelf: AssetShelf) -> Gripper | Pusher:
     """Load hands/<name>.yaml with its meshes.
 
@@ -240,13 +265,13 @@ def load_hand(name: str, shelf: AssetShelf) -> Gripper | Pusher:
         AssetError: A file is missing or wrong.
     """
     path = shelf.find("hands", name)
-    faults, file, sensor = AssetFaults(), None, None
+    faults, file, sensor = AssetFaults(), None, _NO_SENSOR
     with faults.at(str(path)):
         file = read_hand_file(path)
     for member, named in part_names("hands", path).items():
         with faults.at(str(path), f"/{member}"):
-            sensor = read_sensor_file(shelf.find("sensors", named))
-    if file is None or sensor is None:
+            sensor = _Sensor.of(read_sensor_file(shelf.find("sensors", named)))
+    if file is None or faults.found:
         raise AssetError(*faults.found)
     match file:
         case GripperFile():
@@ -257,7 +282,7 @@ def load_hand(name: str, shelf: AssetShelf) -> Gripper | Pusher:
             return _pusher(file, sensor, str(path))
 
 
-def _linked_gripper(file: GripperFile, sensor: SensorFile, shelf: AssetShelf, path: str) -> Gripper:
+def _linked_gripper(file: GripperFile, sensor: _Sensor, shelf: AssetShelf, path: str) -> Gripper:
     origins = {name: np.array(origin) for name, origin in file.linkage.model_dump().items()}
     meshes = {name: getattr(file.meshes, name) for name in type(file.meshes).model_fields}
     linkage = Linkage(**origins, pad_thickness=file.pad_size[1])
@@ -270,7 +295,7 @@ def _linked_gripper(file: GripperFile, sensor: SensorFile, shelf: AssetShelf, pa
     return _gripper(file, sensor, linkage, parts, contents)
 
 
-def _jaws(file: JawsFile, sensor: SensorFile) -> Gripper:
+def _jaws(file: JawsFile, sensor: _Sensor) -> Gripper:
     parts = {name: _box(each) for name, each in {"base": file.base, **file.finger}.items()}
     pad = np.array([0.5 * file.pad_size[1], file.pad_height])
     return _gripper(file, sensor, Jaws(pad, tuple(file.finger)), parts, _contents(file, sensor))
@@ -278,7 +303,7 @@ def _jaws(file: JawsFile, sensor: SensorFile) -> Gripper:
 
 def _gripper(
     file: GripperFile | JawsFile,
-    sensor: SensorFile,
+    sensor: _Sensor,
     fingers: Linkage | Jaws,
     parts: dict[str, ConvexShape],
     contents: list[bytes],
@@ -292,7 +317,7 @@ def _gripper(
         squeeze=file.squeeze,
         mass=file.mass + sensor.mass,
         com=np.array([0.0, 0.0, file.com]),
-        sensor=_sensor_shape(sensor),
+        sensor=sensor.shape,
         base_height=sensor.length,
         fingers=fingers,
         base=parts.pop("base"),
@@ -313,7 +338,7 @@ def _check_stroke(linkage: Linkage, width_max: float, path: str) -> None:
             raise AssetError(AssetFault(f"the pads are never {width} m apart", path, "/linkage")) from error
 
 
-def _pusher(file: StickFile, sensor: SensorFile, path: str) -> Pusher:
+def _pusher(file: StickFile, sensor: _Sensor, path: str) -> Pusher:
     center = file.tip_distance - file.tip_radius
     neck = center - file.tip_length
     if neck <= sensor.length:
@@ -326,19 +351,15 @@ def _pusher(file: StickFile, sensor: SensorFile, path: str) -> Pusher:
         tip_radius=file.tip_radius,
         mass=file.mass + sensor.mass,
         com=np.array([0.0, 0.0, file.com]),
-        sensor=_sensor_shape(sensor),
+        sensor=sensor.shape,
         stick=capsule([0.0, 0.0, sensor.length], [0.0, 0.0, neck], file.stick_radius),
         tip=capsule([0.0, 0.0, neck], [0.0, 0.0, center], file.tip_radius),
         fingerprint=fingerprint(_contents(file, sensor)),
     )
 
 
-def _contents(*files: HandFile | SensorFile) -> list[bytes]:
-    return [file.model_dump_json().encode() for file in files]
-
-
-def _sensor_shape(file: SensorFile) -> ConvexShape:
-    return cylinder(file.radius, file.length).placed(transform(None, [0.0, 0.0, 0.5 * file.length]))
+def _contents(file: HandFile, sensor: _Sensor) -> list[bytes]:
+    return [file.model_dump_json().encode(), *sensor.contents]
 
 
 def _finger_parts(
@@ -351,5 +372,6 @@ def _finger_parts(
     return parts
 
 
-def _bodies(arm: str, shapes: dict[str, ConvexShape]) -> tuple[CollisionBody, ...]:
-    return tuple(CollisionBody(f"{arm}_{name}", arm, f"{arm}/6", (shape,)) for name, shape in shapes.items())
+def _bodies(arm: str, shapes: Mapping[str, ConvexShape | None]) -> tuple[CollisionBody, ...]:
+    there = ((name, shape) for name, shape in shapes.items() if shape is not None)
+    return tuple(CollisionBody(f"{arm}_{name}", arm, f"{arm}/6", (shape,)) for name, shape in there)

@@ -162,6 +162,36 @@ def test_a_stick_is_as_thick_and_its_tip_as_long_as_the_cell_has_them(tmp_path: 
         _stick("left", hand.document().model_copy(update={"tip_radius": 0.012}), known)
 
 
+@pytest.mark.parametrize("name", ["pushing_stick_ft300", "robotiq_2f85_ft300", "jaws_140_ft300"])
+def test_a_hand_without_a_sensor_begins_at_the_flange_for_cell_and_certificate(name: str, tmp_path: Path) -> None:
+    given = (shipped_shelf().folders[0] / "hands" / f"{name}.yaml").read_text()
+    (tmp_path / "hands").mkdir()
+    (tmp_path / "hands" / "bare.yaml").write_text(
+        given.replace("sensor: ft300\n", "").replace(f"name: {name}", "name: bare")
+    )
+    shelf = AssetShelf((tmp_path, *shipped_shelf().folders))
+    bare, whole = load_hand("bare", shelf), load_hand(name, shelf)
+    known = load_surfaces({"left": ("ur3e", "bare")}, shelf.folders)["left"]
+    assert bare.sensor is None
+    assert whole.sensor is not None
+    assert known.sensor is None
+    length = float(whole.sensor.vertices[:, 2].max())
+    if isinstance(bare, Pusher):
+        assert {body.name for body in bare.bodies("left")} == {"left_stick", "left_tip"}
+        for ours, theirs in zip((bare.stick, bare.tip), _stick("left", bare.document(), known), strict=True):
+            np.testing.assert_allclose(theirs.points, ours.vertices, atol=1e-12)
+        return
+    assert isinstance(whole, Gripper)
+    bodies = {body.name: body for body in bare.bodies("left", bare.width_max)}
+    assert "left_ft300" not in bodies
+    assert bare.base_height == 0.0
+    down = np.array([0.0, 0.0, length])
+    np.testing.assert_allclose(bare.T_flange_tcp(0.05)[:3, 3] + down, whole.T_flange_tcp(0.05)[:3, 3], atol=1e-12)
+    assert known.gripper is not None
+    (base,) = bodies["left_gripper_base"].shapes
+    assert_encloses(base.vertices, base.radius, known.gripper.base.vertices)
+
+
 def test_no_base_is_asked_of_what_it_is_bolted_to() -> None:
     cube = box(np.ones(3)).parts[0]
     base, shoulder = (polytope("link", "link", Frame("link", "left", i), cube) for i in (0, 1))
