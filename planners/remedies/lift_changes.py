@@ -41,6 +41,7 @@ from planners.remedies.change import (
     removed,
     turning,
 )
+from planners.remedies.directions import least_reach, way_to_best
 from planners.remedies.relaxed_balance import relaxed
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -63,9 +64,13 @@ _SCALES = (0.5, 0.75, 1.25, 1.5)
 """How much farther from the plate's centre of mass, or nearer, it is moved [1]."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (10, 20, 30, 45, 60, 90) for sign in (1, -1))
 _WAYS = (0.05, 0.10)
-"""How far the plate is moved [m] ..."""
+"""How far the plate is moved straight on [m] ..."""
+_TOWARDS_BEST = (0.5, 0.75, 1.0)
+"""... and of the way to where both arms reach best, where that is farther [1] ..."""
+_OUT_OF_REACH_WAYS = tuple(0.1 * step for step in range(1, 10))
+"""... but straight on where it is proven to be out of reach [m] ..."""
 _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
-"""... and obstacles."""
+"""... and obstacles [m]."""
 _SQUEEZES = (1.5, 2.0, 4.0)
 """How much harder the gripper squeezes [1]."""
 _EDGES = 2
@@ -141,7 +146,9 @@ class LiftChanges:
             return []
         if self._is_too_thin:
             return [self._board(), self._to_the_edge(), self._given_holds()]
-        cup, places = self._cup_place(), [self._plate_turned(), self._plate_place()]
+        cup, places, far_off = self._cup_place(), [self._plate_turned(), self._plate_place()], self._is_far_off
+        if far_off:
+            places.reverse()
         if self._without_obstacles:
             return [self._obstacles(), cup, *places]
         if self._is_held:
@@ -150,7 +157,9 @@ class LiftChanges:
         if self._planner.search is not None and not self._planner.search.graph.starts:
             # No hand comes to the plate at rest, whatever it bears.
             return [self._board(), *places, self._given_holds()]
-        return [cup, *forces, *places, self._tolerances(), self._board(), self._given_holds()]
+        rest = [self._tolerances(), self._board(), self._given_holds()]
+        # What is far off has to come nearer, most likely.
+        return [places[0], cup, *forces, places[1], *rest] if far_off else [cup, *forces, *places, *rest]
 
     def in_pairs(self, effort: Effort) -> list[Iterator[TaskChange]]:
         """Return two changes at once, for where no single one helps: other places with other forces.
@@ -359,14 +368,32 @@ class LiftChanges:
         yield from self._of(turns, forces=False)
 
     def _plate_place(self) -> Iterator[TaskChange]:
-        away, left = self._directions.away, self._directions.left
-        towards = _WAYS if self._planner.out_of_reach() is None else np.arange(0.1, 1.0, 0.1).tolist()
-        ways = [length * way for length in towards for way in (-away, left, -left, away)]
         places = (
             TaskChange("plate_place", f"Move the plate {self._directions.say(way)}.", self._plate_moved(way))
-            for way in ways
+            for way in self._plate_ways()
         )
         yield from self._of(places, forces=False)
+
+    def _plate_ways(self) -> list[Array]:
+        """Return ways (2,) for the plate [m], the least first: straight on, and towards where both arms reach best."""
+        away, left = self._directions.away, self._directions.left
+        lengths = _WAYS if self._planner.out_of_reach() is None else _OUT_OF_REACH_WAYS
+        ways = [length * way for length in lengths for way in (-away, left, -left, away)]
+        nearer = (np.round(share * self._way_to_best, 2) for share in _TOWARDS_BEST)
+        ways += [way for way in nearer if np.linalg.norm(way) > _WAYS[-1]]
+        return sorted(ways, key=lambda way: round(float(np.linalg.norm(way)), 6))
+
+    @cached_property
+    def _way_to_best(self) -> Array:
+        """The way (2,) of the plate's centre of mass to where both arms reach best [m]."""
+        plate = self.scene.plate
+        return way_to_best(
+            self.scene.cell, (plate.T_world_body[:3, :3] @ plate.com + plate.T_world_body[:3, 3]).tolist()
+        )
+
+    @property
+    def _is_far_off(self) -> bool:
+        return float(np.linalg.norm(self._way_to_best)) > least_reach(self.scene.cell)
 
     def _plate_moved(self, way: Array, turn: float = 0.0) -> tuple[PatchOperation, ...]:
         """Move and turn the plate with the board that it lies on."""

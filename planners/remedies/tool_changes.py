@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -25,15 +25,15 @@ from planners.remedies.change import (
     removed,
     turning,
 )
+from planners.remedies.directions import between_arms, least_reach, way_to_best
 from planners.scene.suction_tool import tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
 """How far things are moved [m]."""
-_BEST_REACH = 0.7
-"""How far in front of the shoulders the place is that both arms reach best, as a share of an arm's reach [1]."""
 _NEARER = (1.0, 0.8, 0.6, 0.3)
-"""How near to that place things are moved that are farther off, the least way first, as shares of the reach [1]."""
+"""How near to where both arms reach best things are moved that are farther off, the least way first, as shares of an
+arm's reach [1]."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (45, 90) for sign in (1, -1))
 _FIRST = 2
 """Changes of a kind that are tried together with those of another."""
@@ -64,11 +64,9 @@ class ToolChanges:
         """
         self.task, self._build = task, build
         scene = build(task)
-        bases = np.array([arm.T_world_base[:2, 3] for arm in scene.cell.arms.values()])
-        table = scene.cell.boxes[0].center[:2]
-        self._directions = Directions(table - bases.mean(axis=0))
-        self._middle, self._table_top = bases.mean(axis=0), scene.cell.table_top
-        self._reach = min(arm.robot.reach for arm in scene.cell.arms.values())
+        self._cell, self._middle = scene.cell, between_arms(scene.cell)
+        self._directions = Directions(scene.cell.boxes[0].center[:2] - self._middle)
+        self._reach = least_reach(scene.cell)
         self._gravity = float(np.linalg.norm(scene.cell.gravity))
         self._explanation = explanation = failed.explanation
         self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
@@ -82,7 +80,7 @@ class ToolChanges:
         places = [self._goals_turned(), starts_moved, goals_moved, self._starts_turned()]
         poses = [(each.pose, each.goal_pose) for _, each in self._objects]
         starts, goals = (
-            max(np.linalg.norm(self._way_to_best(pose)) for pose in member) for member in zip(*poses, strict=True)
+            max(np.linalg.norm(way_to_best(self._cell, pose)) for pose in member) for member in zip(*poses, strict=True)
         )
         far_off: list[Iterator[TaskChange]] = []
         if max(starts, goals) > _NEARER[0] * self._reach:
@@ -123,7 +121,7 @@ class ToolChanges:
         along = self._directions
         for near in (share * self._reach for share in _NEARER):
             for index, each in self._objects:
-                way = self._way_to_best(getattr(each, member))
+                way = way_to_best(self._cell, getattr(each, member))
                 distance = float(np.linalg.norm(way))
                 if distance > near:
                     yield self._shifted(index, each, member, kind, sentence, np.round(way * (1.0 - near / distance), 2))
@@ -133,10 +131,6 @@ class ToolChanges:
                 inwards = -along.left * math.copysign(1.0, float(off @ along.left))
                 for way in (inwards, -along.away, along.away, -inwards):
                     yield self._shifted(index, each, member, kind, sentence, length * way)
-
-    def _way_to_best(self, pose: Sequence[float]) -> Array:
-        """Return the way (2,) from a pose to the place that both arms reach best [m]."""
-        return self._middle + _BEST_REACH * self._reach * self._directions.away - np.array(pose[:2])
 
     def _shifted(self, index: int, each: ObjectToMove, member: str, kind: str, sentence: str, way: Array) -> TaskChange:
         told = sentence.format(each.name, self._directions.say(way))
@@ -194,7 +188,7 @@ class ToolChanges:
         named = [(index, each) for index, each in enumerate(self.task.obstacles) if self._names(each.name)]
         for index, each in named:
             T_world_body = from_pose7(each.pose)
-            height = obstacle_out_of_the_way(index, each, T_world_body, self._table_top)
+            height = obstacle_out_of_the_way(index, each, T_world_body, self._cell.table_top)
             pairs = itertools.zip_longest(height, self._obstacle_moved(index, each))
             yield from self._of(change for pair in pairs for change in pair if change is not None)
             yield from self._of([TaskChange("obstacle", f"Take {each.name} away.", (removed(f"/obstacles/{index}"),))])

@@ -141,6 +141,26 @@ def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_
     assert list(flush._board()) == []
 
 
+@pytest.mark.parametrize(("place", "first"), [((0.65, 0.6), True), ((0.62, 0.1), False)])
+def test_a_plate_far_off_is_moved_to_where_both_arms_reach_best_the_least_way_first(
+    place: tuple[float, float], first: bool
+) -> None:
+    task = posted("ab1", plate_pose=[*place, TOP + 0.02, 1, 0, 0, 0], options={"contact_density": 0.25})
+    assert isinstance(task, PlateLiftTask)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(100), silent)
+    changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+    kinds = [list(kind) for kind in changes.by_kind()]
+    assert ({change.kind for change in kinds[0]} == {"plate_place"}) == first
+    moves = [change for kind in kinds for change in kind if change.kind == "plate_place"]
+    places = np.array([change.patch[0].value[:2] for change in moves])  # type: ignore[index]
+    lengths = np.linalg.norm(places - place, axis=1)
+    assert (np.diff(lengths) > -1e-6).all()
+    # The longest way leads to where either arm is neither bent nor stretched.
+    arms = changes.scene.cell.arms.values()
+    shares = [float(np.linalg.norm(places[-1] - arm.T_world_base[:2, 3])) / arm.robot.reach for arm in arms]
+    assert all(0.5 < share < 0.9 for share in shares)
+
+
 @pytest.mark.parametrize("is_open", [True, False])
 def test_a_place_of_the_cup_is_a_way_from_the_stated_one_if_there_is_one(is_open: bool) -> None:
     task = posted("ab1", cup={"position": [0.0, 0.02], "radius": 0.0175, "max_force": 20})
