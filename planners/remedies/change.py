@@ -15,6 +15,7 @@ from planners.contract.task_change import PatchOperation, changed
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7, pose_row
+from planners.remedies.directions import told_move
 
 AnyTask = PlateLiftTask | SuctionToolTask
 KINDS = MappingProxyType(
@@ -47,8 +48,6 @@ SceneOfKind = TypeVar("SceneOfKind")
 
 _RESERVES = (0.2, 0.3)
 """Shares of every limit to keep back in a pile that fails in physics [1]."""
-_NOWHERE = 1e-6
-"""A way that is shorter leads nowhere [m]."""
 _DIGITS = 9
 """After the decimal point of what a patch writes."""
 _HEIGHTS = (0.05, 0.10, 0.20)
@@ -145,36 +144,10 @@ def _with_option(task: AnyTask, name: str, value: JsonValue) -> PatchOperation:
     return put("/options", {**task.options.model_dump(mode="json", exclude_defaults=True), name: value})
 
 
-class Directions:
-    """Words for directions on the table, as somebody sees them who stands behind the robot."""
-
-    def __init__(self, away: Array) -> None:
-        """Take the direction (2,) that leads away from the robot, in the world; x where none does, between the arms."""
-        length = float(np.linalg.norm(away))
-        self.away = away / length if length > _NOWHERE else np.array([1.0, 0.0])
-        self.left = np.array([-self.away[1], self.away[0]])
-
-    def nearest(self, off: Array) -> Array:
-        """Return the one of the four (2,), straight on or to a side, that leads most the way `off` (2,) does."""
-        ways = (self.away, self.left, -self.left, -self.away)
-        return max(ways, key=lambda way: float(way @ off))
-
-    def say(self, way: Array) -> str:
-        """Say how far and where a way (2,) [m] leads, as in "50 mm to the left"."""
-        parts = [(float(way @ self.away), "away from the robot", "towards the robot")]
-        parts.append((float(way @ self.left), "to the left", "to the right"))
-        told = [
-            f"{1e3 * abs(length):.0f} mm {forward if length > 0.0 else back}"
-            for length, forward, back in parts
-            if abs(length) >= 0.5e-3
-        ]
-        return " and ".join(told)
-
-
-def obstacle_moved(index: int, obstacle: Obstacle, way: Array, along: Directions) -> TaskChange:
-    """Return the change that moves the obstacle of a number by a way (2,) [m]."""
+def obstacle_moved(index: int, obstacle: Obstacle, way: Array) -> TaskChange:
+    """Return the change that moves the obstacle of a number by a way (2,) in the world [m]."""
     moved = obstacle.model_dump(mode="json") | {"pose": moved_pose(obstacle.pose, way)}
-    sentence = f"Move {obstacle.name} {along.say(way)}."
+    sentence = f"Move {obstacle.name} {told_move(way, obstacle.pose)}."
     return TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", moved),))
 
 

@@ -30,7 +30,6 @@ from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.manipulation.statics.lift_programs import hand_force_limit
 from planners.progress import Progress
 from planners.remedies.change import (
-    Directions,
     Effort,
     TaskChange,
     moved_pose,
@@ -41,7 +40,7 @@ from planners.remedies.change import (
     removed,
     turning,
 )
-from planners.remedies.directions import least_reach, way_to_best
+from planners.remedies.directions import least_reach, straight_ways, straightest, told_move, told_way, way_to_best
 from planners.remedies.relaxed_balance import relaxed
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -120,10 +119,7 @@ class LiftChanges:
         self._kept = _SHARE_OF_RESERVE * settings.reserve
         self.scene = build(task)
         self._planner = self._planner_of(self.scene)
-        bases = [arm.T_world_base[:2, 3] for arm in self.scene.cell.arms.values()]
-        plate = self.scene.T_world_plate
-        self._directions = Directions(plate[:2, 3] - np.mean(bases, axis=0))
-        self._rotation = plate[:2, :2]
+        self._rotation = self.scene.T_world_plate[:2, :2]
         """Takes directions on the plate to the world."""
 
     def by_kind(self, *, whole_reserve: bool = False) -> list[Iterator[TaskChange]]:
@@ -309,8 +305,7 @@ class LiftChanges:
         shifts += [(scale - 1.0) * offset for scale in _SCALES]
         quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
         shifts += [turned - offset for turned in (-offset, quarter @ offset, -quarter @ offset)]
-        axes = (self._directions.away, self._directions.left)
-        shifts += [length * sign * axis @ self._rotation for length in _SHIFTS for axis in axes for sign in (1.0, -1.0)]
+        shifts += [length * way @ self._rotation for length in _SHIFTS for way in straight_ways()]
         yield from self._cup_moved(shifts)
 
     def _cup_moved(self, shifts: Iterable[Array]) -> Iterator[TaskChange]:
@@ -318,12 +313,12 @@ class LiftChanges:
         stated = np.array(self.task.cup.place)
         rounded = {tuple(np.round(stated + shift, 3).tolist()) for shift in shifts} - {tuple(stated.tolist())}
         for place in sorted(rounded, key=lambda place: (float(np.linalg.norm(place - stated)), place)):
-            if self._directions.say(self._rotation @ (place - stated)):
+            if told_way(self._rotation @ (place - stated)):
                 yield self._cup_at(place)
 
     def _cup_at(self, place: tuple[float, float]) -> TaskChange:
         """Put the cup at a place in plate axes [m]; a way from the stated one is told where the task stated one."""
-        way = self._directions.say(self._rotation @ (np.array(place) - np.array(self.task.cup.place)))
+        way = told_way(self._rotation @ (np.array(place) - np.array(self.task.cup.place)))
         at = f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
         moves = way and not self._place_is_open
         sentence = f"Move the cup {way}, to {at}." if moves else f"Put the cup at {at}."
@@ -369,16 +364,15 @@ class LiftChanges:
 
     def _plate_place(self) -> Iterator[TaskChange]:
         places = (
-            TaskChange("plate_place", f"Move the plate {self._directions.say(way)}.", self._plate_moved(way))
+            TaskChange("plate_place", f"Move the plate {self._told_move(way)}.", self._plate_moved(way))
             for way in self._plate_ways()
         )
         yield from self._of(places, forces=False)
 
     def _plate_ways(self) -> list[Array]:
         """Return ways (2,) for the plate [m], the least first: straight on, and towards where both arms reach best."""
-        away, left = self._directions.away, self._directions.left
         lengths = _WAYS if self._planner.out_of_reach() is None else _OUT_OF_REACH_WAYS
-        ways = [length * way for length in lengths for way in (-away, left, -left, away)]
+        ways = [length * way for length in lengths for way in straight_ways()]
         nearer = (np.round(share * self._way_to_best, 2) for share in _TOWARDS_BEST)
         ways += [way for way in nearer if np.linalg.norm(way) > _WAYS[-1]]
         return sorted(ways, key=lambda way: round(float(np.linalg.norm(way)), 6))
@@ -394,6 +388,9 @@ class LiftChanges:
     @property
     def _is_far_off(self) -> bool:
         return float(np.linalg.norm(self._way_to_best)) > least_reach(self.scene.cell)
+
+    def _told_move(self, way: Array) -> str:
+        return told_move(way, self.task.plate_pose)
 
     def _plate_moved(self, way: Array, turn: float = 0.0) -> tuple[PatchOperation, ...]:
         """Move and turn the plate with the board that it lies on."""
@@ -441,7 +438,7 @@ class LiftChanges:
         )
 
     def _at_the_edge(self, way: Array) -> TaskChange:
-        moved = f"Move the plate {self._directions.say(way)}, to the edge of the table"
+        moved = f"Move the plate {self._told_move(way)}, at the edge of the table"
         if self.task.support is None:
             return TaskChange("plate_place", f"{moved}.", self._plate_moved(way))
         x, y, z, *turn = self.task.plate_pose
@@ -495,9 +492,9 @@ class LiftChanges:
 
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         """Move an obstacle straight away from the plate."""
-        way = self._directions.nearest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
+        way = straightest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
         for length in _OBSTACLE_WAYS:
-            yield obstacle_moved(index, obstacle, length * way, self._directions)
+            yield obstacle_moved(index, obstacle, length * way)
 
 
 def _other_lifter(name: str) -> TaskChange:

@@ -16,7 +16,6 @@ from planners.contract.task_spec import CustomTool, ObjectToMove, Obstacle, Suct
 from planners.geometry.pose import Array, from_pose7
 from planners.plan.plan import Plan
 from planners.remedies.change import (
-    Directions,
     TaskChange,
     moved_pose,
     obstacle_moved,
@@ -25,7 +24,7 @@ from planners.remedies.change import (
     removed,
     turning,
 )
-from planners.remedies.directions import between_arms, least_reach, way_to_best
+from planners.remedies.directions import between_arms, least_reach, straight_ways, straightest, told_move, way_to_best
 from planners.scene.suction_tool import tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 
@@ -65,7 +64,6 @@ class ToolChanges:
         self.task, self._build = task, build
         scene = build(task)
         self._cell, self._middle = scene.cell, between_arms(scene.cell)
-        self._directions = Directions(scene.cell.boxes[0].center[:2] - self._middle)
         self._reach = least_reach(scene.cell)
         self._gravity = float(np.linalg.norm(scene.cell.gravity))
         self._explanation = explanation = failed.explanation
@@ -118,23 +116,24 @@ class ToolChanges:
 
     def _moved(self, member: str, kind: str, sentence: str) -> Iterator[TaskChange]:
         """Move start or goal: towards the place that both arms reach best, and a little everywhere."""
-        along = self._directions
         for near in (share * self._reach for share in _NEARER):
             for index, each in self._objects:
                 way = way_to_best(self._cell, getattr(each, member))
                 distance = float(np.linalg.norm(way))
                 if distance > near:
                     yield self._shifted(index, each, member, kind, sentence, np.round(way * (1.0 - near / distance), 2))
+        towards, left, right, away = straight_ways()
         for length in _WAYS:
             for index, each in self._objects:
                 off = np.array(getattr(each, member)[:2]) - self._middle
-                inwards = -along.left * math.copysign(1.0, float(off @ along.left))
-                for way in (inwards, -along.away, along.away, -inwards):
+                inwards, outwards = (right, left) if off @ left >= 0.0 else (left, right)
+                for way in (inwards, towards, away, outwards):
                     yield self._shifted(index, each, member, kind, sentence, length * way)
 
     def _shifted(self, index: int, each: ObjectToMove, member: str, kind: str, sentence: str, way: Array) -> TaskChange:
-        told = sentence.format(each.name, self._directions.say(way))
-        steps = (put(f"/objects/{index}/{member}", moved_pose(getattr(each, member), way)),)
+        pose = getattr(each, member)
+        told = sentence.format(each.name, told_move(way, pose))
+        steps = (put(f"/objects/{index}/{member}", moved_pose(pose, way)),)
         return TaskChange(kind, told, steps)
 
     def _starts_turned(self) -> Iterator[TaskChange]:
@@ -198,9 +197,9 @@ class ToolChanges:
         place = np.array(obstacle.pose[:2])
         spots = np.array([pose[:2] for _, each in self._objects for pose in (each.pose, each.goal_pose)])
         off = place - spots[np.argmin(np.linalg.norm(spots - place, axis=1))]
-        way = self._directions.nearest(off)
+        way = straightest(off)
         for length in _WAYS[1:]:
-            yield obstacle_moved(index, obstacle, length * way, self._directions)
+            yield obstacle_moved(index, obstacle, length * way)
 
     # The tool and what bears it.
 

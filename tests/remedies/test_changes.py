@@ -16,7 +16,7 @@ from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import from_pose7
 from planners.manipulation.lift_settings import LiftSettings
 from planners.progress import silent
-from planners.remedies.change import Directions, Effort, TaskChange, obstacle_out_of_the_way, put
+from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
 from planners.remedies.find_remedies import why_none
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
@@ -199,9 +199,3 @@ def test_what_is_far_off_for_a_small_arm_only_is_helped_in_all_ways_by_a_larger_
     kinds = ToolChanges(task, build_scene, shelf.plan(posted("lid_too_heavy", options={"remedies": False}))).by_kind()
     firsts = [next(iter(kind), None) for kind in kinds]
     assert {"cup_force", "tool"} <= {change.kind for change in firsts if change is not None}
-
-
-def test_between_arms_that_face_each_other_directions_are_those_of_the_world() -> None:
-    along = Directions(np.zeros(2))
-    assert along.say(np.array([0.1, 0.0])) == "100 mm away from the robot"
-    assert along.say(np.array([0.0, 0.1])) == "100 mm to the left"

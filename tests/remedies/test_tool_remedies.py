@@ -16,7 +16,7 @@ from planners.contract.task_spec import SuctionToolTask, write_task
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
 from planners.planning import TaskSolver
-from planners.remedies.change import Directions, moved_pose
+from planners.remedies.change import moved_pose
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tools, tool_descriptions
@@ -109,17 +109,3 @@ def test_a_pose_moved_and_turned_keeps_its_height_and_its_axis() -> None:
     assert moved[2, :3] == pytest.approx(T[2, :3])
     turned = moved[:3, :3] @ T[:3, :3].T
     assert np.degrees(np.arctan2(turned[1, 0], turned[0, 0])) == pytest.approx(np.degrees(0.7))
-
-
-@pytest.mark.parametrize(
-    ("way", "told"),
-    [
-        ([0.05, 0.0], "50 mm away from the robot"),
-        ([-0.05, 0.0], "50 mm towards the robot"),
-        ([0.0, 0.02], "20 mm to the left"),
-        ([0.03, -0.04], "30 mm away from the robot and 40 mm to the right"),
-        ([0.0, 0.0001], ""),
-    ],
-)
-def test_ways_are_told_as_seen_from_behind_the_robot(way: list[float], told: str) -> None:
-    assert Directions(np.array([2.0, 0.0])).say(np.array(way)) == told
