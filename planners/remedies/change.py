@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, TypeVar
@@ -16,6 +16,7 @@ from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
 from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7, pose_row
 from planners.remedies.directions import told_move
+from planners.scene.standing import listed
 
 AnyTask = PlateLiftTask | SuctionToolTask
 KINDS = MappingProxyType(
@@ -162,31 +163,62 @@ def obstacle_out_of_the_way(
         T_world_body: its frame.
         table_top: height of the table [m].
     """
+    for step in _HEIGHTS:
+        found = _at_other_height(index, obstacle, T_world_body, table_top, step)
+        if found is None:
+            return
+        operation, left = found
+        raised, lowered = f"Raise {obstacle.name} by {1e3 * step:.0f} mm.", f"Make {obstacle.name} {1e3 * step:.0f} mm"
+        sentence = raised if left is None else f"{lowered} lower, {1e3 * left:.0f} mm high."
+        yield TaskChange("obstacle", sentence, (operation,))
+
+
+def obstacles_out_of_the_way(
+    bodies: Mapping[int, tuple[Obstacle, Transform]], table_top: float
+) -> Iterator[TaskChange]:
+    """Yield changes of the heights of several obstacles at once, as far as each is high enough to be made lower.
+
+    Args:
+        bodies: by number in the task: as the task states it, and its frame.
+        table_top: height of the table [m].
+    """
+    for step in _HEIGHTS:
+        steps: list[PatchOperation] = []
+        lower, raised = list[str](), list[str]()
+        for index, (obstacle, T_world_body) in bodies.items():
+            found = _at_other_height(index, obstacle, T_world_body, table_top, step)
+            if found is not None:
+                steps.append(found[0])
+                (raised if found[1] is None else lower).append(obstacle.name)
+        told = [f"Make {listed(lower)} {1e3 * step:.0f} mm lower."] if lower else []
+        told += [f"Raise {listed(raised)} by {1e3 * step:.0f} mm."] if raised else []
+        if steps:
+            yield TaskChange("obstacle", " ".join(told), tuple(steps))
+
+
+def _at_other_height(
+    index: int, obstacle: Obstacle, T_world_body: Transform, table_top: float, step: float
+) -> tuple[PatchOperation, float | None] | None:
+    """Return what puts an obstacle out of the way by a step [m], and the height [m] that is left; None where it hangs.
+
+    None: it is tilted, a mesh, or not high enough.
+    """
     shape = obstacle.shape
     upright = abs(abs(float(T_world_body[2, 2])) - 1.0) < _UPRIGHT
     if not upright or isinstance(shape, Mesh):
-        return
+        return None
     height = shape.size[2] if isinstance(shape, Box) else shape.height
-    bottom = float(T_world_body[2, 3]) - 0.5 * height
-    for step in _HEIGHTS:
-        changes: dict[str, JsonValue] = {}
-        if bottom - table_top > _STANDS:
-            rise = step
-            sentence = f"Raise {obstacle.name} by {1e3 * step:.0f} mm."
-        elif height - step >= _LOWEST:
-            rise = -0.5 * step
-            left = round(height - step, _DIGITS)
-            size: dict[str, JsonValue] = {"height": left}
-            if isinstance(shape, Box):
-                size = {"size": [*shape.size[:2], left]}
-            changes["shape"] = shape.model_dump(mode="json") | size
-            sentence = f"Make {obstacle.name} {1e3 * step:.0f} mm lower, {1e3 * left:.0f} mm high."
-        else:
-            return
-        x, y, z, *turn = obstacle.pose
-        changes["pose"] = [x, y, round(z + rise, _DIGITS), *turn]
-        changed_obstacle = obstacle.model_dump(mode="json") | changes
-        yield TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", changed_obstacle),))
+    changes: dict[str, JsonValue] = {}
+    rise, left = step, None
+    if float(T_world_body[2, 3]) - 0.5 * height - table_top <= _STANDS:
+        if height - step < _LOWEST:
+            return None
+        rise, left = -0.5 * step, round(height - step, _DIGITS)
+        size: dict[str, JsonValue] = {"size": [*shape.size[:2], left]} if isinstance(shape, Box) else {"height": left}
+        changes["shape"] = shape.model_dump(mode="json") | size
+    x, y, z, *turn = obstacle.pose
+    changes["pose"] = [x, y, round(z + rise, _DIGITS), *turn]
+    return replaced(f"/obstacles/{index}", obstacle.model_dump(mode="json") | changes), left
 
 
 def turning(angle: float) -> str:

@@ -181,7 +181,7 @@ def test_a_goal_far_off_comes_nearer_the_least_way_first(shelf: PlanShelf) -> No
     task = posted("lid_under_roof", objects=[far], obstacles=[])
     assert isinstance(task, SuctionToolTask)
     failed = shelf.plan(posted("lid_too_heavy", options={"remedies": False}))
-    first, *_ = ToolChanges(task, build_scene, failed).by_kind()
+    first, *_ = ToolChanges(task, build_scene, failed, lambda _: False).by_kind()
     goals = np.array([change.patch[0].value[:2] for change in list(first)[:3]])  # type: ignore[index]
     ways = np.linalg.norm(goals - [0.78, -0.7], axis=1)
     assert (np.diff(ways) > 0.05).all()
@@ -196,6 +196,8 @@ def test_what_is_far_off_for_a_small_arm_only_is_helped_in_all_ways_by_a_larger_
     far = {**lid, "pose": start, "goal_pose": goal}
     task = posted("lid_under_roof", cell="dual_ur5e_tool", objects=[far], obstacles=[], tool="carton_lifter")
     assert isinstance(task, SuctionToolTask)
-    kinds = ToolChanges(task, build_scene, shelf.plan(posted("lid_too_heavy", options={"remedies": False}))).by_kind()
+    kinds = ToolChanges(
+        task, build_scene, shelf.plan(posted("lid_too_heavy", options={"remedies": False})), lambda _: False
+    ).by_kind()
     firsts = [next(iter(kind), None) for kind in kinds]
     assert {"cup_force", "tool"} <= {change.kind for change in firsts if change is not None}

@@ -133,7 +133,7 @@ def test_objects_and_goals_are_moved_along_the_axes_of_the_world_to_where_is_tol
     task = posted("lid_under_roof", obstacles=[])
     assert isinstance(task, SuctionToolTask)
     failed = shelf.plan(posted("lid_too_heavy", options={"remedies": False}))
-    changes = ToolChanges(task, build_scene, failed)
+    changes = ToolChanges(task, build_scene, failed, lambda _: False)
     (each,) = task.objects
     for start, told in ((each.pose, moves([*changes._starts()])), (each.goal_pose, moves([*changes._goals()]))):
         assert told
