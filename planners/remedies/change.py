@@ -221,6 +221,11 @@ def _at_other_height(
     return replaced(f"/obstacles/{index}", obstacle.model_dump(mode="json") | changes), left
 
 
+def told_cup_place(place: tuple[float, float]) -> str:
+    """Say where on the plate a place of the cup is, in plate axes [m]."""
+    return f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
+
+
 def turning(angle: float) -> str:
     """Say how far and which way an angle turns about the vertical [rad]."""
     return f"{np.degrees(abs(angle)):.0f}° {'counterclockwise' if angle > 0.0 else 'clockwise'}, seen from above"

@@ -38,6 +38,7 @@ from planners.remedies.change import (
     obstacle_out_of_the_way,
     put,
     removed,
+    told_cup_place,
     turning,
 )
 from planners.remedies.directions import least_reach, straight_ways, straightest, told_move, told_way, way_to_best
@@ -319,7 +320,7 @@ class LiftChanges:
     def _cup_at(self, place: tuple[float, float]) -> TaskChange:
         """Put the cup at a place in plate axes [m]; a way from the stated one is told where the task stated one."""
         way = told_way(self._rotation @ (np.array(place) - np.array(self.task.cup.place)))
-        at = f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
+        at = told_cup_place(place)
         moves = way and not self._place_is_open
         sentence = f"Move the cup {way}, to {at}." if moves else f"Put the cup at {at}."
         return TaskChange("cup_place", sentence, (put("/cup/position", numbers(np.array(place))),))

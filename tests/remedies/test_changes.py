@@ -15,9 +15,10 @@ from planners.cell.cell import load_cell
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import from_pose7
 from planners.manipulation.lift_settings import LiftSettings
+from planners.plan.verdicts import PlanningOutcome, Remedy
 from planners.progress import silent
 from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
-from planners.remedies.find_remedies import why_none
+from planners.remedies.find_remedies import why_none, with_cup_at
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
@@ -168,6 +169,20 @@ def test_a_place_of_the_cup_is_a_way_from_the_stated_one_if_there_is_one(is_open
     told = LiftChanges(task, lambda _: scene, LiftSettings(), Effort(100), silent, place_is_open=is_open)
     change = told._cup_at((0.05, 0.02))
     assert change.sentence.startswith("Put the cup at (50, 20) mm" if is_open else "Move the cup 50 mm ")
+
+
+def test_a_remedy_that_states_where_the_cup_stays_says_so_and_one_that_moves_it_is_as_it_was() -> None:
+    def remedy(path: str) -> Remedy:
+        return Remedy(
+            kind="it", sentence="Do it.", patch=[put(path, 1)], outcome=PlanningOutcome.SOLVED, certified=True,
+            reserve=None, largest_force=None,
+        )  # fmt: skip
+
+    pinned = with_cup_at((-0.12, 0.005), remedy("/plate_pose"))
+    assert pinned.sentence == "Do it. The cup stays at (-120, 5) mm on the plate."
+    assert [step.path for step in pinned.patch] == ["/cup/position", "/plate_pose"]
+    moved = remedy("/cup/position")
+    assert with_cup_at((-0.12, 0.005), moved) == moved
 
 
 def test_kinds_of_changes_that_were_tried_in_vain_are_told() -> None:
