@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -120,11 +121,25 @@ def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres(beyond: float 
     assert "board that is as large" in plan.explanation.summary or beyond is None
 
 
-def test_a_plate_too_thin_for_any_board_is_told_which_tip_would_have_room() -> None:
+def test_a_plate_too_thin_for_any_board_is_told_which_tip_would_have_room_and_which_plate() -> None:
     told = solve(thin_plate(0.008, beyond=0.0)).explanation.summary
     assert "helps" not in told
     # A tip of r beside a side of 8 mm, 1 mm below its top, 3 mm off the board's edge: (r + 3)² = r² + 7².
     assert f"at most {math.floor(10 * (7.0**2 - 3.0**2) / 6.0) / 10:g} mm" in told
+    # The tip of 10 mm: 13² = 10² + (t - 1)².
+    enough = math.floor(10 * (math.sqrt(13.0**2 - 10.0**2) + 1.0)) / 10 + 0.1
+    assert f"plates of {enough:g} mm and more" in told
+
+
+@pytest.mark.parametrize("more", [-0.1, 0.0])
+def test_a_plate_as_thick_as_is_told_has_room_on_a_board_and_a_thinner_one_has_not(more: float) -> None:
+    told = solve(thin_plate(0.008, beyond=0.0)).explanation.summary
+    enough = re.search(r"plates of ([0-9.]+) mm and more", told)
+    assert enough is not None
+    changes = LiftChanges(
+        thin_plate(1e-3 * (float(enough[1]) + more), beyond=0.0), build_scene, LiftSettings(), Effort(0), silent
+    )
+    assert changes._is_too_thin == (more < 0.0)
 
 
 def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_than_itself() -> None:
