@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -57,11 +56,8 @@ def not_found(search: LiftSearch, summary: str, main: tuple[Rejection, ...] = ()
     The main causes come first, then what failed most often on the way.
     """
     rejections, told = search.record.rejections, {cause.reason for cause in main}
-    often = [
-        replace(rejection, reason=f"{rejection.reason.rstrip('.')} ({count} times)")
-        for rejection, count in rejections.most_common(_CAUSES)
-        if rejection.reason not in told
-    ]
+    # How often is in the statistics: it tells how much was tried, not how much is short.
+    often = [rejection for rejection, _ in rejections.most_common(_CAUSES) if rejection.reason not in told]
     for cause in main:
         rejections.add(cause)
     return LiftPlan(

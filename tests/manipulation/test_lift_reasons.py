@@ -56,3 +56,18 @@ def test_payloads_that_are_short_are_not_blamed_on_the_task() -> None:
     assert "hand_force_limit" in plan.explanation.causes[0].reason
     all_of_it = heavy(plate=much, hand_force_limit={"normal": 500.0, "net": 500.0})
     assert "hand_force_limit" not in all_of_it.explanation.causes[0].reason
+
+
+def test_reasons_of_a_lift_do_not_count_what_was_tried() -> None:
+    plate = {"shape": {"type": "box", "size": [0.3, 0.25, 0.03]}, "mass": 3.0}
+    task = {
+        "kind": "plate_lift", "plate": plate, "plate_pose": [0.65, 0.6, 1.109, 1, 0, 0, 0],
+        "cup": {"position": [0.08, 0], "radius": 0.02, "max_force": 25},
+        "options": {**UNEXPLORED, "contact_density": 0.5, "hold_density": 0.5},
+    }  # fmt: skip
+    plan = solve(read_task(task))
+    assert plan.outcome == "not_found"
+    balance = [cause.reason for cause in plan.explanation.causes if cause.where == "balance"]
+    assert balance
+    assert not any("times" in reason for reason in balance)
+    assert sum(plan.statistics.rejections.values()) > len(plan.explanation.causes)

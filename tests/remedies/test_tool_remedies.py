@@ -22,6 +22,7 @@ from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
+from tests.support.deep_bin import NAMES, PART, WALLS
 from tests.support.plan_shelf import PlanShelf
 from tests.support.samples import among, sample
 
@@ -38,25 +39,7 @@ UNSOLVED: dict[str, dict[str, Any]] = {
     },
 }
 
-WALLS = {
-    "wall_front": ([0.02, 0.2, 0.25], [0.32, -0.3]),
-    "wall_back": ([0.02, 0.2, 0.25], [0.48, -0.3]),
-    "wall_left": ([0.14, 0.02, 0.25], [0.4, -0.21]),
-    "wall_right": ([0.14, 0.02, 0.25], [0.4, -0.39]),
-}
-"""Size and place of the walls of a deep bin."""
-BIN: dict[str, Any] = {
-    "objects": [
-        {
-            "name": "part", "shape": {"type": "box", "size": [0.1, 0.06, 0.03]}, "mass": 0.2,
-            "pose": [0.35, 0.3, 1.109, 1, 0, 0, 0], "goal_pose": [0.4, -0.3, 1.109, 1, 0, 0, 0],
-        }
-    ],
-    "obstacles": [
-        {"name": name, "shape": {"type": "box", "size": size}, "pose": [*place, 1.219, 1, 0, 0, 0]}
-        for name, (size, place) in WALLS.items()
-    ],
-}  # fmt: skip
+BIN: dict[str, Any] = {"objects": [PART], "obstacles": WALLS}
 UNSOLVED["into a deep bin"] = {**BIN, "tool": "long_symmetric", "options": {"simulate": False}}
 
 
@@ -160,7 +143,7 @@ def too_heavy(shelf: PlanShelf) -> Plan:
 def test_walls_that_are_in_the_way_together_are_made_lower_together_and_at_last_taken_away(too_heavy: Plan) -> None:
     changes, planned = obstacle_changes(lambda left: not left, too_heavy)
     assert planned <= 3 + len(WALLS)
-    assert all(name in change.sentence for change in changes for name in WALLS)
+    assert all(name in change.sentence for change in changes for name in NAMES)
     sizes = [sorted(step.value["shape"]["size"][2] for step in change.patch) for change in changes[:-1]]  # type: ignore[index, call-overload]
     assert len(sizes) > 1
     assert all(len(set(each)) == 1 for each in sizes)
@@ -193,11 +176,9 @@ def test_of_many_obstacles_those_next_to_start_and_goal_are_tried(too_heavy: Pla
         }
         for k in range(5)
     ]
-    changes, planned = obstacle_changes(
-        lambda left: not left & set(WALLS), too_heavy, obstacles=[*away, *BIN["obstacles"]]
-    )
+    changes, planned = obstacle_changes(lambda left: not left & NAMES, too_heavy, obstacles=[*away, *BIN["obstacles"]])
     assert planned <= 3 + len(WALLS)
-    assert all(name in change.sentence for change in changes for name in WALLS)
+    assert all(name in change.sentence for change in changes for name in NAMES)
     assert not any(other["name"] in change.sentence for change in changes for other in away)
 
 
