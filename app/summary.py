@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import groupby
 
 from planners.plan.loads import largest_load
@@ -12,8 +13,15 @@ from planners.plan.verdicts import Cause, LeastReserve, Remedy, shortage_words
 
 PLANNING_STEPS = frozenset({"balance", "capacity", "clearance", "grasp", "reach", "transfer", "transit", "torque"})
 """Steps of planning, which a cause has as its place where it has no other: they tell nobody much."""
+_ROUNDING = 1e-6
+"""A share that is less than a tenth of a per cent by less counts as that tenth, in tenths [1]."""
 MILLIMETRES = 1e3
 """In a metre: lengths are told as on drawings."""
+
+
+def share_words(share: float) -> str:
+    """Return a share of limits in per cent, to tenths and no more than there is, as in "7.5 %"."""
+    return f"{math.floor(1e3 * share + _ROUNDING) / 10.0:g} %"
 
 
 def reason_of(cause: Cause) -> str:
@@ -91,8 +99,8 @@ def _reserve(plan: Plan) -> dict[str, str]:
         return {}
     least, time = found
     asked = plan.task.options.reserve
-    less = f"; the most that was found, {asked:g} was asked for" if least.value < asked else ""
-    return {"reserve": f"{least.value:.2f} ({least.limited_by}, {time:.1f} s){less}"}
+    less = f"; the most that was found, {share_words(asked)} was asked for" if least.value < asked else ""
+    return {"reserve": f"{share_words(least.value)} ({least.limited_by}, {time:.1f} s){less}"}
 
 
 def least_torque(plan: Plan) -> tuple[float, str] | None:
@@ -171,15 +179,17 @@ def _remedies(plan: Plan) -> list[str]:
         return [f"{'what helps:':<16}none of the changes that were tried"]
     heads = ("what helps:", *[""] * len(remedies))
     return [
-        f"{head:<16}{number}. {remedy.sentence} Then: {_came_of(remedy)}."
+        f"{head:<16}{number}. {remedy.sentence} Then: {_came_of(remedy, plan.task.options.reserve)}."
         for number, (head, remedy) in enumerate(zip(heads, remedies, strict=False), start=1)
     ]
 
 
-def _came_of(remedy: Remedy) -> str:
-    """Return what came of planning the changed task."""
+def _came_of(remedy: Remedy, asked: float) -> str:
+    """Return what came of planning the changed task, of which such a share of every limit is asked for [1]."""
     force = "" if remedy.largest_force is None else f", at most {remedy.largest_force:.1f} N on a hand"
-    kept = "" if remedy.reserve is None else f", {100 * remedy.reserve:.0f} % of every limit kept back"
+    kept = "" if remedy.reserve is None else f", {share_words(remedy.reserve)} of every limit kept back"
+    if remedy.reserve is not None and remedy.reserve < asked and remedy.kind != "reserve":
+        kept += f", where {share_words(asked)} is asked for"
     done = ", carried out in physics" if remedy.simulated else ""
     return f"{remedy.outcome}{' and certified' if remedy.certified else ''}{kept}{force}{done}"
 

@@ -376,13 +376,21 @@ class _RemedySearch:
             )
             # What physics does not carry out keeps less back than is asked for, most often.
             return lift.by_kind(whole_reserve=self._fails_in_physics), partial(lift.in_pairs, more)
-        tool = ToolChanges(task, self._build, failed)
+        tool = ToolChanges(task, self._build, failed, self._solves)
         return tool.by_kind(), tool.in_pairs
 
     def _search(
         self, changes: Iterable[Iterator[TaskChange]], effort: Effort, most: int = MOST_REMEDIES
     ) -> list[Remedy]:
         return find_remedies(changes, self._attempt, self._task, effort, self._on_progress, most)
+
+    def _solves(self, change: TaskChange) -> bool:
+        """Tell whether a change leads to a plan, if that may still be tried."""
+        changed = change.applied(self._task)
+        if changed is None or not self._effort.take("plan"):
+            return False
+        self._effort.tried.add(change.kind)
+        return self._attempt(changed) is not None
 
     def _attempt(self, changed: PlateLiftTask | SuctionToolTask) -> Plan | None:
         """Plan a changed task, certify the plan, and simulate it if the task's own failed there; None: no help."""

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import JsonValue, PlainSerializer
 
 from app.check_words import PROOF, words_of_check
-from app.summary import figures_of, least_reserve, least_torque, reason_of
+from app.summary import figures_of, least_reserve, least_torque, reason_of, share_words
 from app.viewer.charts import (
     DIGITS,
     PERCENT,
@@ -410,7 +410,7 @@ def _changed_task(task: Mapping[str, Any], remedy: Remedy) -> dict[str, JsonValu
 def _figures_of_remedy(remedy: Remedy) -> str:
     words = [OUTCOMES[remedy.outcome] + (", certified" if remedy.certified else "")]
     if remedy.reserve is not None:
-        words.append(f"keeps back {PERCENT * remedy.reserve:.1f} %")
+        words.append(f"keeps back {share_words(remedy.reserve)}")
     if remedy.largest_force is not None:
         words.append(f"largest force {remedy.largest_force:.1f} N")
     if remedy.simulated:

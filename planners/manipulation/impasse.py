@@ -124,7 +124,12 @@ class _Stages:
         if tip <= 0.0:
             return "No stick has room beside so thin a plate."
         room = f"a tip of at most {_tenths_below(1e3 * tip):g} mm radius would have room"
-        return f"With nothing around the plate {room}; that of the cell's stick is {1e3 * radius:.3g} mm."
+        # A plate of just this thickness still has none.
+        enough = _tenths_below(1e3 * sampling.least_thickness_with(0.0)) + 0.1
+        return (
+            f"With nothing around the plate {room}; that of the cell's stick is {1e3 * radius:.3g} mm, and has room "
+            f"beside plates of {enough:g} mm and more on a board that is as large as they are."
+        )
 
     def _at_goal(self) -> Impasse:
         """No two hands can hold the plate at the goal."""

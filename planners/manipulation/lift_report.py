@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from planners.balance.capacity import LiftCapacity
 from planners.cell.arm_span import OutOfReach
+from planners.contract.task_spec import HandForceLimit
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath
 from planners.manipulation.graph.node_examiner import hands_of
@@ -21,6 +21,7 @@ from planners.manipulation.lift_segment import BalancedContacts, LiftSegment
 from planners.manipulation.statics.lift_torques import LiftTorques
 from planners.manipulation.statics.reserves import ReservedSegments, keeping_most
 from planners.plan.verdicts import PlanningOutcome
+from planners.scene.lift_scene import PlateLiftScene
 
 _CAUSES = 6
 """Causes that are told where nothing was found."""
@@ -55,11 +56,8 @@ def not_found(search: LiftSearch, summary: str, main: tuple[Rejection, ...] = ()
     The main causes come first, then what failed most often on the way.
     """
     rejections, told = search.record.rejections, {cause.reason for cause in main}
-    often = [
-        replace(rejection, reason=f"{rejection.reason.rstrip('.')} ({count} times)")
-        for rejection, count in rejections.most_common(_CAUSES)
-        if rejection.reason not in told
-    ]
+    # How often is in the statistics: it tells how much was tried, not how much is short.
+    often = [rejection for rejection, _ in rejections.most_common(_CAUSES) if rejection.reason not in told]
     for cause in main:
         rejections.add(cause)
     return LiftPlan(
@@ -76,10 +74,12 @@ def not_found(search: LiftSearch, summary: str, main: tuple[Rejection, ...] = ()
 def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapacity) -> LiftPlan:
     """Report that robot and lifter cannot carry the weight in any pose: a proof."""
     sloping = " (pull, and friction of its pad on a slope)" if capacity.cup > sampling.stated.cup.max_force else ""
+    borne = _borne_beyond_limits(sampling.scene, capacity)
+    less = "" if borne is None else f"; {_limits_told(sampling.scene, borne)}"
     cause = Rejection(
         "capacity",
         f"The plate is too heavy: the cup can carry at most {capacity.cup:.1f} N{sloping}, the gripper "
-        f"{capacity.gripper:.1f} N and the stick {capacity.pusher:.1f} N of its weight",
+        f"{capacity.gripper:.1f} N and the stick {capacity.pusher:.1f} N of its weight{less}",
         needed=capacity.needed,
         available=capacity.available,
         unit="N",
@@ -88,7 +88,29 @@ def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapa
         f"Robot and vacuum lifter together can carry at most {capacity.available:.1f} N; "
         f"the plate weighs {capacity.needed:.1f} N."
     )
+    if borne is not None and capacity.cup + sum(borne) >= capacity.needed:
+        summary += f" It is the task's limit that is short: {_limits_told(sampling.scene, borne)}."
     return _unsearched(sampling, rejections, PlanningOutcome.INFEASIBLE, cause, summary)
+
+
+def _borne_beyond_limits(scene: PlateLiftScene, capacity: LiftCapacity) -> tuple[float, float] | None:
+    """Return what the arms' payloads leave gripper and stick [N]; None where the task allows no less than that."""
+    cell = scene.cell
+    gripper, pusher = (cell.payload_force(arms[0]) for arms in (cell.gripper_arms, cell.pusher_arms))
+    return (gripper, pusher) if capacity.gripper < gripper or capacity.pusher < pusher else None
+
+
+def _limits_told(scene: PlateLiftScene, borne: tuple[float, float]) -> str:
+    """Say which limits of the task, stated or not, are less than what the arms bear beside gripper and stick [N]."""
+    asked, default = scene.hand_force_limit, HandForceLimit()
+    members = {"normal": (asked.normal, default.normal), "net": (asked.net, default.net)}
+    short = {name: values for name, values in members.items() if values[0] < max(borne)}
+    allowed = " and ".join(f"{value:g} N ({name})" for name, (value, _) in short.items())
+    unstated = ", the default," if all(value == usual for value, usual in short.values()) else ""
+    return (
+        f"hand_force_limit allows {allowed}{unstated} where the arms bear {borne[0]:.1f} N beside the gripper and "
+        f"{borne[1]:.1f} N beside the stick"
+    )
 
 
 def too_thick(sampling: LiftSampling, rejections: Rejections) -> LiftPlan:

@@ -23,7 +23,7 @@ class MotionOutcome(Enum):
     NO_GOAL = "No goal was given."
     GOALS_OUT_OF_LIMITS = "Every goal lies outside the joint limits."
     GOALS_IN_COLLISION = "Every goal within the joint limits is in collision."
-    ITERATIONS_EXHAUSTED = "No path was found within the iterations allowed."
+    ITERATIONS_EXHAUSTED = "No way past what stands there was found in as many tries as are made."
 
 
 @dataclass(frozen=True, eq=False)

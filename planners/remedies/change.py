@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, TypeVar
@@ -15,6 +15,8 @@ from planners.contract.task_change import PatchOperation, changed
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7, pose_row
+from planners.remedies.directions import told_move
+from planners.scene.standing import listed
 
 AnyTask = PlateLiftTask | SuctionToolTask
 KINDS = MappingProxyType(
@@ -47,8 +49,6 @@ SceneOfKind = TypeVar("SceneOfKind")
 
 _RESERVES = (0.2, 0.3)
 """Shares of every limit to keep back in a pile that fails in physics [1]."""
-_NOWHERE = 1e-6
-"""A way that is shorter leads nowhere [m]."""
 _DIGITS = 9
 """After the decimal point of what a patch writes."""
 _HEIGHTS = (0.05, 0.10, 0.20)
@@ -145,36 +145,10 @@ def _with_option(task: AnyTask, name: str, value: JsonValue) -> PatchOperation:
     return put("/options", {**task.options.model_dump(mode="json", exclude_defaults=True), name: value})
 
 
-class Directions:
-    """Words for directions on the table, as somebody sees them who stands behind the robot."""
-
-    def __init__(self, away: Array) -> None:
-        """Take the direction (2,) that leads away from the robot, in the world; x where none does, between the arms."""
-        length = float(np.linalg.norm(away))
-        self.away = away / length if length > _NOWHERE else np.array([1.0, 0.0])
-        self.left = np.array([-self.away[1], self.away[0]])
-
-    def nearest(self, off: Array) -> Array:
-        """Return the one of the four (2,), straight on or to a side, that leads most the way `off` (2,) does."""
-        ways = (self.away, self.left, -self.left, -self.away)
-        return max(ways, key=lambda way: float(way @ off))
-
-    def say(self, way: Array) -> str:
-        """Say how far and where a way (2,) [m] leads, as in "50 mm to the left"."""
-        parts = [(float(way @ self.away), "away from the robot", "towards the robot")]
-        parts.append((float(way @ self.left), "to the left", "to the right"))
-        told = [
-            f"{1e3 * abs(length):.0f} mm {forward if length > 0.0 else back}"
-            for length, forward, back in parts
-            if abs(length) >= 0.5e-3
-        ]
-        return " and ".join(told)
-
-
-def obstacle_moved(index: int, obstacle: Obstacle, way: Array, along: Directions) -> TaskChange:
-    """Return the change that moves the obstacle of a number by a way (2,) [m]."""
+def obstacle_moved(index: int, obstacle: Obstacle, way: Array) -> TaskChange:
+    """Return the change that moves the obstacle of a number by a way (2,) in the world [m]."""
     moved = obstacle.model_dump(mode="json") | {"pose": moved_pose(obstacle.pose, way)}
-    sentence = f"Move {obstacle.name} {along.say(way)}."
+    sentence = f"Move {obstacle.name} {told_move(way, obstacle.pose)}."
     return TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", moved),))
 
 
@@ -189,31 +163,67 @@ def obstacle_out_of_the_way(
         T_world_body: its frame.
         table_top: height of the table [m].
     """
+    for step in _HEIGHTS:
+        found = _at_other_height(index, obstacle, T_world_body, table_top, step)
+        if found is None:
+            return
+        operation, left = found
+        raised, lowered = f"Raise {obstacle.name} by {1e3 * step:.0f} mm.", f"Make {obstacle.name} {1e3 * step:.0f} mm"
+        sentence = raised if left is None else f"{lowered} lower, {1e3 * left:.0f} mm high."
+        yield TaskChange("obstacle", sentence, (operation,))
+
+
+def obstacles_out_of_the_way(
+    bodies: Mapping[int, tuple[Obstacle, Transform]], table_top: float
+) -> Iterator[TaskChange]:
+    """Yield changes of the heights of several obstacles at once, as far as each is high enough to be made lower.
+
+    Args:
+        bodies: by number in the task: as the task states it, and its frame.
+        table_top: height of the table [m].
+    """
+    for step in _HEIGHTS:
+        steps: list[PatchOperation] = []
+        lower, raised = list[str](), list[str]()
+        for index, (obstacle, T_world_body) in bodies.items():
+            found = _at_other_height(index, obstacle, T_world_body, table_top, step)
+            if found is not None:
+                steps.append(found[0])
+                (raised if found[1] is None else lower).append(obstacle.name)
+        told = [f"Make {listed(lower)} {1e3 * step:.0f} mm lower."] if lower else []
+        told += [f"Raise {listed(raised)} by {1e3 * step:.0f} mm."] if raised else []
+        if steps:
+            yield TaskChange("obstacle", " ".join(told), tuple(steps))
+
+
+def _at_other_height(
+    index: int, obstacle: Obstacle, T_world_body: Transform, table_top: float, step: float
+) -> tuple[PatchOperation, float | None] | None:
+    """Return what puts an obstacle out of the way by a step [m], and the height [m] that is left; None where it hangs.
+
+    None: it is tilted, a mesh, or not high enough.
+    """
     shape = obstacle.shape
     upright = abs(abs(float(T_world_body[2, 2])) - 1.0) < _UPRIGHT
     if not upright or isinstance(shape, Mesh):
-        return
+        return None
     height = shape.size[2] if isinstance(shape, Box) else shape.height
-    bottom = float(T_world_body[2, 3]) - 0.5 * height
-    for step in _HEIGHTS:
-        changes: dict[str, JsonValue] = {}
-        if bottom - table_top > _STANDS:
-            rise = step
-            sentence = f"Raise {obstacle.name} by {1e3 * step:.0f} mm."
-        elif height - step >= _LOWEST:
-            rise = -0.5 * step
-            left = round(height - step, _DIGITS)
-            size: dict[str, JsonValue] = {"height": left}
-            if isinstance(shape, Box):
-                size = {"size": [*shape.size[:2], left]}
-            changes["shape"] = shape.model_dump(mode="json") | size
-            sentence = f"Make {obstacle.name} {1e3 * step:.0f} mm lower, {1e3 * left:.0f} mm high."
-        else:
-            return
-        x, y, z, *turn = obstacle.pose
-        changes["pose"] = [x, y, round(z + rise, _DIGITS), *turn]
-        changed_obstacle = obstacle.model_dump(mode="json") | changes
-        yield TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", changed_obstacle),))
+    changes: dict[str, JsonValue] = {}
+    rise, left = step, None
+    if float(T_world_body[2, 3]) - 0.5 * height - table_top <= _STANDS:
+        if height - step < _LOWEST:
+            return None
+        rise, left = -0.5 * step, round(height - step, _DIGITS)
+        size: dict[str, JsonValue] = {"size": [*shape.size[:2], left]} if isinstance(shape, Box) else {"height": left}
+        changes["shape"] = shape.model_dump(mode="json") | size
+    x, y, z, *turn = obstacle.pose
+    changes["pose"] = [x, y, round(z + rise, _DIGITS), *turn]
+    return replaced(f"/obstacles/{index}", obstacle.model_dump(mode="json") | changes), left
+
+
+def told_cup_place(place: tuple[float, float]) -> str:
+    """Say where on the plate a place of the cup is, in plate axes [m]."""
+    return f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
 
 
 def turning(angle: float) -> str:

@@ -8,7 +8,7 @@ from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.verdicts import PlanningOutcome, Remedy
 from planners.progress import Progress, Report
-from planners.remedies.change import KINDS, AnyTask, Effort, TaskChange, put
+from planners.remedies.change import KINDS, AnyTask, Effort, TaskChange, put, told_cup_place
 
 MOST_STEPS = 100
 """Of all that is tried for one task: some 20 s on a common core."""
@@ -72,10 +72,12 @@ def why_none(tried: Iterable[str]) -> str:
 
 
 def with_cup_at(place: tuple[float, float], remedy: Remedy) -> Remedy:
-    """Return a remedy that states the cup's place, too, for a task that leaves it open."""
+    """Return a remedy that states the cup's place [m, plate axes], too, for a task that leaves it open."""
     if any(step.path == "/cup/position" for step in remedy.patch):
         return remedy
-    return remedy.model_copy(update={"patch": [put("/cup/position", [*place]), *remedy.patch]})
+    patch = [put("/cup/position", [*place]), *remedy.patch]
+    sentence = f"{remedy.sentence} The cup stays at {told_cup_place(place)}."
+    return remedy.model_copy(update={"patch": patch, "sentence": sentence})
 
 
 class _OfKind:

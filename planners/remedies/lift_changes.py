@@ -30,7 +30,6 @@ from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.manipulation.statics.lift_programs import hand_force_limit
 from planners.progress import Progress
 from planners.remedies.change import (
-    Directions,
     Effort,
     TaskChange,
     moved_pose,
@@ -39,8 +38,10 @@ from planners.remedies.change import (
     obstacle_out_of_the_way,
     put,
     removed,
+    told_cup_place,
     turning,
 )
+from planners.remedies.directions import least_reach, straight_ways, straightest, told_move, told_way, way_to_best
 from planners.remedies.relaxed_balance import relaxed
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -63,9 +64,13 @@ _SCALES = (0.5, 0.75, 1.25, 1.5)
 """How much farther from the plate's centre of mass, or nearer, it is moved [1]."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (10, 20, 30, 45, 60, 90) for sign in (1, -1))
 _WAYS = (0.05, 0.10)
-"""How far the plate is moved [m] ..."""
+"""How far the plate is moved straight on [m] ..."""
+_TOWARDS_BEST = (0.5, 0.75, 1.0)
+"""... and of the way to where both arms reach best, where that is farther [1] ..."""
+_OUT_OF_REACH_WAYS = tuple(0.1 * step for step in range(1, 10))
+"""... but straight on where it is proven to be out of reach [m] ..."""
 _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
-"""... and obstacles."""
+"""... and obstacles [m]."""
 _SQUEEZES = (1.5, 2.0, 4.0)
 """How much harder the gripper squeezes [1]."""
 _EDGES = 2
@@ -115,10 +120,7 @@ class LiftChanges:
         self._kept = _SHARE_OF_RESERVE * settings.reserve
         self.scene = build(task)
         self._planner = self._planner_of(self.scene)
-        bases = [arm.T_world_base[:2, 3] for arm in self.scene.cell.arms.values()]
-        plate = self.scene.T_world_plate
-        self._directions = Directions(plate[:2, 3] - np.mean(bases, axis=0))
-        self._rotation = plate[:2, :2]
+        self._rotation = self.scene.T_world_plate[:2, :2]
         """Takes directions on the plate to the world."""
 
     def by_kind(self, *, whole_reserve: bool = False) -> list[Iterator[TaskChange]]:
@@ -141,7 +143,9 @@ class LiftChanges:
             return []
         if self._is_too_thin:
             return [self._board(), self._to_the_edge(), self._given_holds()]
-        cup, places = self._cup_place(), [self._plate_turned(), self._plate_place()]
+        cup, places, far_off = self._cup_place(), [self._plate_turned(), self._plate_place()], self._is_far_off
+        if far_off:
+            places.reverse()
         if self._without_obstacles:
             return [self._obstacles(), cup, *places]
         if self._is_held:
@@ -150,7 +154,9 @@ class LiftChanges:
         if self._planner.search is not None and not self._planner.search.graph.starts:
             # No hand comes to the plate at rest, whatever it bears.
             return [self._board(), *places, self._given_holds()]
-        return [cup, *forces, *places, self._tolerances(), self._board(), self._given_holds()]
+        rest = [self._tolerances(), self._board(), self._given_holds()]
+        # What is far off has to come nearer, most likely.
+        return [places[0], cup, *forces, places[1], *rest] if far_off else [cup, *forces, *places, *rest]
 
     def in_pairs(self, effort: Effort) -> list[Iterator[TaskChange]]:
         """Return two changes at once, for where no single one helps: other places with other forces.
@@ -300,8 +306,7 @@ class LiftChanges:
         shifts += [(scale - 1.0) * offset for scale in _SCALES]
         quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
         shifts += [turned - offset for turned in (-offset, quarter @ offset, -quarter @ offset)]
-        axes = (self._directions.away, self._directions.left)
-        shifts += [length * sign * axis @ self._rotation for length in _SHIFTS for axis in axes for sign in (1.0, -1.0)]
+        shifts += [length * way @ self._rotation for length in _SHIFTS for way in straight_ways()]
         yield from self._cup_moved(shifts)
 
     def _cup_moved(self, shifts: Iterable[Array]) -> Iterator[TaskChange]:
@@ -309,13 +314,13 @@ class LiftChanges:
         stated = np.array(self.task.cup.place)
         rounded = {tuple(np.round(stated + shift, 3).tolist()) for shift in shifts} - {tuple(stated.tolist())}
         for place in sorted(rounded, key=lambda place: (float(np.linalg.norm(place - stated)), place)):
-            if self._directions.say(self._rotation @ (place - stated)):
+            if told_way(self._rotation @ (place - stated)):
                 yield self._cup_at(place)
 
     def _cup_at(self, place: tuple[float, float]) -> TaskChange:
         """Put the cup at a place in plate axes [m]; a way from the stated one is told where the task stated one."""
-        way = self._directions.say(self._rotation @ (np.array(place) - np.array(self.task.cup.place)))
-        at = f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
+        way = told_way(self._rotation @ (np.array(place) - np.array(self.task.cup.place)))
+        at = told_cup_place(place)
         moves = way and not self._place_is_open
         sentence = f"Move the cup {way}, to {at}." if moves else f"Put the cup at {at}."
         return TaskChange("cup_place", sentence, (put("/cup/position", numbers(np.array(place))),))
@@ -359,14 +364,34 @@ class LiftChanges:
         yield from self._of(turns, forces=False)
 
     def _plate_place(self) -> Iterator[TaskChange]:
-        away, left = self._directions.away, self._directions.left
-        towards = _WAYS if self._planner.out_of_reach() is None else np.arange(0.1, 1.0, 0.1).tolist()
-        ways = [length * way for length in towards for way in (-away, left, -left, away)]
         places = (
-            TaskChange("plate_place", f"Move the plate {self._directions.say(way)}.", self._plate_moved(way))
-            for way in ways
+            TaskChange("plate_place", f"Move the plate {self._told_move(way)}.", self._plate_moved(way))
+            for way in self._plate_ways()
         )
         yield from self._of(places, forces=False)
+
+    def _plate_ways(self) -> list[Array]:
+        """Return ways (2,) for the plate [m], the least first: straight on, and towards where both arms reach best."""
+        lengths = _WAYS if self._planner.out_of_reach() is None else _OUT_OF_REACH_WAYS
+        ways = [length * way for length in lengths for way in straight_ways()]
+        nearer = (np.round(share * self._way_to_best, 2) for share in _TOWARDS_BEST)
+        ways += [way for way in nearer if np.linalg.norm(way) > _WAYS[-1]]
+        return sorted(ways, key=lambda way: round(float(np.linalg.norm(way)), 6))
+
+    @cached_property
+    def _way_to_best(self) -> Array:
+        """The way (2,) of the plate's centre of mass to where both arms reach best [m]."""
+        plate = self.scene.plate
+        return way_to_best(
+            self.scene.cell, (plate.T_world_body[:3, :3] @ plate.com + plate.T_world_body[:3, 3]).tolist()
+        )
+
+    @property
+    def _is_far_off(self) -> bool:
+        return float(np.linalg.norm(self._way_to_best)) > least_reach(self.scene.cell)
+
+    def _told_move(self, way: Array) -> str:
+        return told_move(way, self.task.plate_pose)
 
     def _plate_moved(self, way: Array, turn: float = 0.0) -> tuple[PatchOperation, ...]:
         """Move and turn the plate with the board that it lies on."""
@@ -414,7 +439,7 @@ class LiftChanges:
         )
 
     def _at_the_edge(self, way: Array) -> TaskChange:
-        moved = f"Move the plate {self._directions.say(way)}, to the edge of the table"
+        moved = f"Move the plate {self._told_move(way)}, at the edge of the table"
         if self.task.support is None:
             return TaskChange("plate_place", f"{moved}.", self._plate_moved(way))
         x, y, z, *turn = self.task.plate_pose
@@ -468,9 +493,9 @@ class LiftChanges:
 
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         """Move an obstacle straight away from the plate."""
-        way = self._directions.nearest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
+        way = straightest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
         for length in _OBSTACLE_WAYS:
-            yield obstacle_moved(index, obstacle, length * way, self._directions)
+            yield obstacle_moved(index, obstacle, length * way)
 
 
 def _other_lifter(name: str) -> TaskChange:

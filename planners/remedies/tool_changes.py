@@ -1,39 +1,44 @@
 """Changes of a suction-tool task that may leave a way where there was none, the smallest of each kind first.
 
-They concern the objects and obstacles that the failed plan names. No screen says beforehand which of them leave a way:
-a plan of one object is as fast as one.
+They concern the objects that the failed plan names, and obstacles if there is a plan without those. No screen says
+beforehand which changes leave a way: a plan of one object is as fast as one.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
 from planners.contract.task_spec import CustomTool, ObjectToMove, Obstacle, SuctionToolTask
-from planners.geometry.pose import Array, from_pose7
+from planners.geometry.pose import Array
 from planners.plan.plan import Plan
 from planners.remedies.change import (
-    Directions,
     TaskChange,
     moved_pose,
     obstacle_moved,
     obstacle_out_of_the_way,
+    obstacles_out_of_the_way,
     put,
     removed,
     turning,
 )
+from planners.remedies.directions import between_arms, least_reach, straight_ways, straightest, told_move, way_to_best
+from planners.scene.standing import listed
 from planners.scene.suction_tool import tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
 """How far things are moved [m]."""
-_BEST_REACH = 0.7
-"""How far in front of the shoulders the place is that both arms reach best, as a share of an arm's reach [1]."""
 _NEARER = (1.0, 0.8, 0.6, 0.3)
-"""How near to that place things are moved that are farther off, the least way first, as shares of the reach [1]."""
+"""How near to where both arms reach best things are moved that are farther off, the least way first, as shares of an
+arm's reach [1]."""
+_NEAREST = 6
+"""Obstacles that are taken away together, those nearest to a start or goal ..."""
+_ALONE = 4
+"""... and of these such as are taken away alone."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (45, 90) for sign in (1, -1))
 _FIRST = 2
 """Changes of a kind that are tried together with those of another."""
@@ -53,7 +58,11 @@ class ToolChanges:
     """The changes of one suction-tool task that has no plan."""
 
     def __init__(
-        self, task: SuctionToolTask, build: Callable[[SuctionToolTask], SuctionToolScene], failed: Plan
+        self,
+        task: SuctionToolTask,
+        build: Callable[[SuctionToolTask], SuctionToolScene],
+        failed: Plan,
+        solves: Callable[[TaskChange], bool],
     ) -> None:
         """Find out what the failed plan is about.
 
@@ -61,14 +70,12 @@ class ToolChanges:
             task: as it was planned.
             build: makes scenes of tasks.
             failed: its plan, with what it names.
+            solves: plans the changed task, if that may still be tried.
         """
-        self.task, self._build = task, build
+        self.task, self._build, self._failed, self._solves = task, build, failed, solves
         scene = build(task)
-        bases = np.array([arm.T_world_base[:2, 3] for arm in scene.cell.arms.values()])
-        table = scene.cell.boxes[0].center[:2]
-        self._directions = Directions(table - bases.mean(axis=0))
-        self._middle, self._table_top = bases.mean(axis=0), scene.cell.table_top
-        self._reach = min(arm.robot.reach for arm in scene.cell.arms.values())
+        self._scene, self._cell, self._middle = scene, scene.cell, between_arms(scene.cell)
+        self._reach = least_reach(scene.cell)
         self._gravity = float(np.linalg.norm(scene.cell.gravity))
         self._explanation = explanation = failed.explanation
         self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
@@ -77,19 +84,23 @@ class ToolChanges:
 
     def by_kind(self) -> list[Iterator[TaskChange]]:
         """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
+        # Obstacles do not keep physics from carrying out a plan that is clear of them, unless it names them.
+        return self._kinds(self._named_obstacles() if self._failed.outcome == "solved" else self._obstacles())
+
+    def _kinds(self, obstacles: Iterator[TaskChange]) -> list[Iterator[TaskChange]]:
         cup = [self._cup_force(), self._cup_radius()]
         starts_moved, goals_moved = self._starts(), self._goals()
         places = [self._goals_turned(), starts_moved, goals_moved, self._starts_turned()]
         poses = [(each.pose, each.goal_pose) for _, each in self._objects]
         starts, goals = (
-            max(np.linalg.norm(self._way_to_best(pose)) for pose in member) for member in zip(*poses, strict=True)
+            max(np.linalg.norm(way_to_best(self._cell, pose)) for pose in member) for member in zip(*poses, strict=True)
         )
         far_off: list[Iterator[TaskChange]] = []
         if max(starts, goals) > _NEARER[0] * self._reach:
             far_off = [goals_moved] if goals >= starts else [starts_moved, goals_moved]
             places = [kind for kind in places if kind not in far_off]
         rest = [self._tool(), self._limits(), self._aside(), self._lighter()]
-        first = [self._obstacles()] if any(self._names(each.name) for each in self.task.obstacles) else []
+        first = [obstacles] if self.task.obstacles else []
         about_cup = any(word in self._told for word in _CUP_REASONS)
         others = [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
         # What is far off has to come nearer, most likely.
@@ -97,7 +108,7 @@ class ToolChanges:
 
     def in_pairs(self) -> list[Iterator[TaskChange]]:
         """Return two changes at once, for where no single one helps: of different kinds, of each the first ones."""
-        firsts = [list(itertools.islice(kind, _FIRST)) for kind in self.by_kind()]
+        firsts = [list(itertools.islice(kind, _FIRST)) for kind in self._kinds(self._named_obstacles())]
         return [
             self._of(one.then(other) for one, other in itertools.product(some, others))
             for some, others in itertools.combinations(firsts, 2)
@@ -120,27 +131,24 @@ class ToolChanges:
 
     def _moved(self, member: str, kind: str, sentence: str) -> Iterator[TaskChange]:
         """Move start or goal: towards the place that both arms reach best, and a little everywhere."""
-        along = self._directions
         for near in (share * self._reach for share in _NEARER):
             for index, each in self._objects:
-                way = self._way_to_best(getattr(each, member))
+                way = way_to_best(self._cell, getattr(each, member))
                 distance = float(np.linalg.norm(way))
                 if distance > near:
                     yield self._shifted(index, each, member, kind, sentence, np.round(way * (1.0 - near / distance), 2))
+        towards, left, right, away = straight_ways()
         for length in _WAYS:
             for index, each in self._objects:
                 off = np.array(getattr(each, member)[:2]) - self._middle
-                inwards = -along.left * math.copysign(1.0, float(off @ along.left))
-                for way in (inwards, -along.away, along.away, -inwards):
+                inwards, outwards = (right, left) if off @ left >= 0.0 else (left, right)
+                for way in (inwards, towards, away, outwards):
                     yield self._shifted(index, each, member, kind, sentence, length * way)
 
-    def _way_to_best(self, pose: Sequence[float]) -> Array:
-        """Return the way (2,) from a pose to the place that both arms reach best [m]."""
-        return self._middle + _BEST_REACH * self._reach * self._directions.away - np.array(pose[:2])
-
     def _shifted(self, index: int, each: ObjectToMove, member: str, kind: str, sentence: str, way: Array) -> TaskChange:
-        told = sentence.format(each.name, self._directions.say(way))
-        steps = (put(f"/objects/{index}/{member}", moved_pose(getattr(each, member), way)),)
+        pose = getattr(each, member)
+        told = sentence.format(each.name, told_move(way, pose))
+        steps = (put(f"/objects/{index}/{member}", moved_pose(pose, way)),)
         return TaskChange(kind, told, steps)
 
     def _starts_turned(self) -> Iterator[TaskChange]:
@@ -191,22 +199,75 @@ class ToolChanges:
     # Obstacles.
 
     def _obstacles(self) -> Iterator[TaskChange]:
-        named = [(index, each) for index, each in enumerate(self.task.obstacles) if self._names(each.name)]
-        for index, each in named:
-            T_world_body = from_pose7(each.pose)
-            height = obstacle_out_of_the_way(index, each, T_world_body, self._table_top)
-            pairs = itertools.zip_longest(height, self._obstacle_moved(index, each))
-            yield from self._of(change for pair in pairs for change in pair if change is not None)
-            yield from self._of([TaskChange("obstacle", f"Take {each.name} away.", (removed(f"/obstacles/{index}"),))])
+        """One obstacle changed or taken away, or several together; nothing where there is no plan without any."""
+        near = self._near_obstacles()
+        if not near or (len(near) > 1 and not self._solves(self._away(near))):
+            return
+        for one in near[:_ALONE]:
+            if self._solves(self._away([one])):
+                yield from self._obstacle_changed(one)
+                return
+        if len(near) > 1:
+            few = self._fewest(near)
+            bodies = {index: (self.task.obstacles[index], self._scene.obstacles[index].T_world_body) for index in few}
+            yield from self._of(obstacles_out_of_the_way(bodies, self._cell.table_top))
+            yield from self._of([self._away(few)])
+
+    def _fewest(self, near: list[int]) -> list[int]:
+        """Return the least first part of obstacles, in order, without which there is a plan, as without all of them."""
+        known, enough = 1, len(near)
+        while enough - known > 1:
+            middle = (known + enough) // 2
+            if self._solves(self._away(near[:middle])):
+                enough = middle
+            else:
+                known = middle
+        return sorted(near[:enough])
+
+    def _named_obstacles(self) -> Iterator[TaskChange]:
+        """Those that the failed plan names, each changed or taken away."""
+        for index, each in enumerate(self.task.obstacles):
+            if self._names(each.name):
+                yield from self._obstacle_changed(index)
+
+    def _near_obstacles(self) -> list[int]:
+        """Return the numbers of some obstacles: those named come first, then those nearest to a start or goal."""
+        spots = self._spots()
+
+        def order(index: int) -> tuple[bool, float]:
+            body = self._scene.obstacles[index]
+            corners = body.solid.surface()[0] @ body.T_world_body[:3, :3].T + body.T_world_body[:3, 3]
+            low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+            gaps = np.maximum(np.maximum(low - spots, spots - high), 0.0)
+            return not self._names(body.name), float(np.linalg.norm(gaps, axis=1).min())
+
+        return sorted(range(len(self.task.obstacles)), key=order)[:_NEAREST]
+
+    def _away(self, numbers: list[int]) -> TaskChange:
+        """Take obstacles away, the last one first, so that the others keep their numbers."""
+        steps = tuple(removed(f"/obstacles/{index}") for index in sorted(numbers, reverse=True))
+        names = listed([self.task.obstacles[index].name for index in sorted(numbers)])
+        return TaskChange("obstacle", f"Take {names} away.", steps)
+
+    def _obstacle_changed(self, index: int) -> Iterator[TaskChange]:
+        """Yield changes of the height and the place of an obstacle, in turns, and at last without it."""
+        obstacle, T_world_body = self.task.obstacles[index], self._scene.obstacles[index].T_world_body
+        height = obstacle_out_of_the_way(index, obstacle, T_world_body, self._cell.table_top)
+        pairs = itertools.zip_longest(height, self._obstacle_moved(index, obstacle))
+        yield from self._of(change for pair in pairs for change in pair if change is not None)
+        yield from self._of([self._away([index])])
+
+    def _spots(self) -> Array:
+        """Return where objects start and go to: (n, 2) [m, world]."""
+        return np.array([pose[:2] for _, each in self._objects for pose in (each.pose, each.goal_pose)])
 
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         """Move an obstacle away from the nearest start or goal."""
-        place = np.array(obstacle.pose[:2])
-        spots = np.array([pose[:2] for _, each in self._objects for pose in (each.pose, each.goal_pose)])
+        place, spots = np.array(obstacle.pose[:2]), self._spots()
         off = place - spots[np.argmin(np.linalg.norm(spots - place, axis=1))]
-        way = self._directions.nearest(off)
+        way = straightest(off)
         for length in _WAYS[1:]:
-            yield obstacle_moved(index, obstacle, length * way, self._directions)
+            yield obstacle_moved(index, obstacle, length * way)
 
     # The tool and what bears it.
 

@@ -45,7 +45,7 @@ class Fall:
 
     def __str__(self) -> str:
         """Return the sentence."""
-        return f"{_listed(self.names)} {self.reason}"
+        return f"{listed(self.names)} {self.reason}"
 
 
 def first_fall(bodies: Sequence[Body], footings: Sequence[Footing]) -> Fall | None:
@@ -178,5 +178,6 @@ def _why(
     return f"would tip over together: their common centre of mass is {1e3 * outside:.4g} mm beyond what carries them"
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return names in a row, at least one, as in "a, b and c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

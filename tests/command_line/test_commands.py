@@ -225,11 +225,11 @@ def test_a_solved_plan_tells_its_smallest_reserve_and_whether_it_is_certified(
         statistics=_statistics(20.0, {}, reserve=least),
     )
     lines = summarise(plan).splitlines()
-    assert "reserve:        0.12 (cup, 7.2 s)" in lines
+    assert "reserve:        12.3 % (cup, 7.2 s)" in lines
     options = plan.task.options.model_copy(update={"reserve": 0.2})
     wanting = plan.model_copy(update={"task": plan.task.model_copy(update={"options": options})})
     assert (
-        "reserve:        0.12 (cup, 7.2 s); the most that was found, 0.2 was asked for"
+        "reserve:        12.3 % (cup, 7.2 s); the most that was found, 20 % was asked for"
         in summarise(wanting).splitlines()
     )
     assert ("joint torque:   0.30 left (an elbow)" in lines) == (certificate is not None)

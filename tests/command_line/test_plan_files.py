@@ -231,9 +231,9 @@ def test_tasks_are_checked_as_they_are_for_planning_and_none_is_planned(
 REMEDIES = [
     {
         "kind": "cup_force", "sentence": f"Pull with {force} N.", "outcome": "solved", "certified": True,
-        "patch": [{"op": "add", "path": "/cup/max_force", "value": force}], "reserve": 0.1, "largest_force": 12.0,
+        "patch": [{"op": "add", "path": "/cup/max_force", "value": force}], "reserve": reserve, "largest_force": 12.0,
     }
-    for force in (31.0, 32.0)
+    for force, reserve in ((31.0, 0.1), (32.0, 0.075))
 ]  # fmt: skip
 
 
@@ -250,7 +250,8 @@ def test_remedies_are_told_with_their_numbers_and_one_is_applied(
     file = _written(tmp_path / "mine.json", task())
     assert main(["plan", str(file), "--apply", "2"]) == 2
     told = capsys.readouterr().out
-    assert "1. Pull with 31.0 N. Then: solved and certified, 10 % of every limit kept back" in told
+    assert "1. Pull with 31.0 N. Then: solved and certified, 10 % of every limit kept back, at most" in told
+    assert "7.5 % of every limit kept back, where 10 % is asked for, at most" in told
     changed = tmp_path / "mine.remedy-2.json"
     assert str(changed) in told
     assert json.loads(changed.read_bytes()) == {**task(), "cup": {**task()["cup"], "max_force": 32.0}}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,10 @@ from planners.cell.cell import load_cell
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import from_pose7
 from planners.manipulation.lift_settings import LiftSettings
+from planners.plan.verdicts import PlanningOutcome, Remedy
 from planners.progress import silent
-from planners.remedies.change import Directions, Effort, TaskChange, obstacle_out_of_the_way, put
-from planners.remedies.find_remedies import why_none
+from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
+from planners.remedies.find_remedies import why_none, with_cup_at
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
@@ -119,11 +121,25 @@ def test_a_plate_too_thin_for_the_stick_is_told_so_in_millimetres(beyond: float 
     assert "board that is as large" in plan.explanation.summary or beyond is None
 
 
-def test_a_plate_too_thin_for_any_board_is_told_which_tip_would_have_room() -> None:
+def test_a_plate_too_thin_for_any_board_is_told_which_tip_would_have_room_and_which_plate() -> None:
     told = solve(thin_plate(0.008, beyond=0.0)).explanation.summary
     assert "helps" not in told
     # A tip of r beside a side of 8 mm, 1 mm below its top, 3 mm off the board's edge: (r + 3)² = r² + 7².
     assert f"at most {math.floor(10 * (7.0**2 - 3.0**2) / 6.0) / 10:g} mm" in told
+    # The tip of 10 mm: 13² = 10² + (t - 1)².
+    enough = math.floor(10 * (math.sqrt(13.0**2 - 10.0**2) + 1.0)) / 10 + 0.1
+    assert f"plates of {enough:g} mm and more" in told
+
+
+@pytest.mark.parametrize("more", [-0.1, 0.0])
+def test_a_plate_as_thick_as_is_told_has_room_on_a_board_and_a_thinner_one_has_not(more: float) -> None:
+    told = solve(thin_plate(0.008, beyond=0.0)).explanation.summary
+    enough = re.search(r"plates of ([0-9.]+) mm and more", told)
+    assert enough is not None
+    changes = LiftChanges(
+        thin_plate(1e-3 * (float(enough[1]) + more), beyond=0.0), build_scene, LiftSettings(), Effort(0), silent
+    )
+    assert changes._is_too_thin == (more < 0.0)
 
 
 def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_than_itself() -> None:
@@ -141,6 +157,26 @@ def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_
     assert list(flush._board()) == []
 
 
+@pytest.mark.parametrize(("place", "first"), [((0.65, 0.6), True), ((0.62, 0.1), False)])
+def test_a_plate_far_off_is_moved_to_where_both_arms_reach_best_the_least_way_first(
+    place: tuple[float, float], first: bool
+) -> None:
+    task = posted("ab1", plate_pose=[*place, TOP + 0.02, 1, 0, 0, 0], options={"contact_density": 0.25})
+    assert isinstance(task, PlateLiftTask)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(100), silent)
+    changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+    kinds = [list(kind) for kind in changes.by_kind()]
+    assert ({change.kind for change in kinds[0]} == {"plate_place"}) == first
+    moves = [change for kind in kinds for change in kind if change.kind == "plate_place"]
+    places = np.array([change.patch[0].value[:2] for change in moves])  # type: ignore[index]
+    lengths = np.linalg.norm(places - place, axis=1)
+    assert (np.diff(lengths) > -1e-6).all()
+    # The longest way leads to where either arm is neither bent nor stretched.
+    arms = changes.scene.cell.arms.values()
+    shares = [float(np.linalg.norm(places[-1] - arm.T_world_base[:2, 3])) / arm.robot.reach for arm in arms]
+    assert all(0.5 < share < 0.9 for share in shares)
+
+
 @pytest.mark.parametrize("is_open", [True, False])
 def test_a_place_of_the_cup_is_a_way_from_the_stated_one_if_there_is_one(is_open: bool) -> None:
     task = posted("ab1", cup={"position": [0.0, 0.02], "radius": 0.0175, "max_force": 20})
@@ -148,6 +184,20 @@ def test_a_place_of_the_cup_is_a_way_from_the_stated_one_if_there_is_one(is_open
     told = LiftChanges(task, lambda _: scene, LiftSettings(), Effort(100), silent, place_is_open=is_open)
     change = told._cup_at((0.05, 0.02))
     assert change.sentence.startswith("Put the cup at (50, 20) mm" if is_open else "Move the cup 50 mm ")
+
+
+def test_a_remedy_that_states_where_the_cup_stays_says_so_and_one_that_moves_it_is_as_it_was() -> None:
+    def remedy(path: str) -> Remedy:
+        return Remedy(
+            kind="it", sentence="Do it.", patch=[put(path, 1)], outcome=PlanningOutcome.SOLVED, certified=True,
+            reserve=None, largest_force=None,
+        )  # fmt: skip
+
+    pinned = with_cup_at((-0.12, 0.005), remedy("/plate_pose"))
+    assert pinned.sentence == "Do it. The cup stays at (-120, 5) mm on the plate."
+    assert [step.path for step in pinned.patch] == ["/cup/position", "/plate_pose"]
+    moved = remedy("/cup/position")
+    assert with_cup_at((-0.12, 0.005), moved) == moved
 
 
 def test_kinds_of_changes_that_were_tried_in_vain_are_told() -> None:
@@ -161,7 +211,7 @@ def test_a_goal_far_off_comes_nearer_the_least_way_first(shelf: PlanShelf) -> No
     task = posted("lid_under_roof", objects=[far], obstacles=[])
     assert isinstance(task, SuctionToolTask)
     failed = shelf.plan(posted("lid_too_heavy", options={"remedies": False}))
-    first, *_ = ToolChanges(task, build_scene, failed).by_kind()
+    first, *_ = ToolChanges(task, build_scene, failed, lambda _: False).by_kind()
     goals = np.array([change.patch[0].value[:2] for change in list(first)[:3]])  # type: ignore[index]
     ways = np.linalg.norm(goals - [0.78, -0.7], axis=1)
     assert (np.diff(ways) > 0.05).all()
@@ -176,12 +226,8 @@ def test_what_is_far_off_for_a_small_arm_only_is_helped_in_all_ways_by_a_larger_
     far = {**lid, "pose": start, "goal_pose": goal}
     task = posted("lid_under_roof", cell="dual_ur5e_tool", objects=[far], obstacles=[], tool="carton_lifter")
     assert isinstance(task, SuctionToolTask)
-    kinds = ToolChanges(task, build_scene, shelf.plan(posted("lid_too_heavy", options={"remedies": False}))).by_kind()
+    kinds = ToolChanges(
+        task, build_scene, shelf.plan(posted("lid_too_heavy", options={"remedies": False})), lambda _: False
+    ).by_kind()
     firsts = [next(iter(kind), None) for kind in kinds]
     assert {"cup_force", "tool"} <= {change.kind for change in firsts if change is not None}
-
-
-def test_between_arms_that_face_each_other_directions_are_those_of_the_world() -> None:
-    along = Directions(np.zeros(2))
-    assert along.say(np.array([0.1, 0.0])) == "100 mm away from the robot"
-    assert along.say(np.array([0.0, 0.1])) == "100 mm to the left"

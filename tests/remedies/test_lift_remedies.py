@@ -40,6 +40,14 @@ UNSOLVED = {
         },
     ),
     "far corner of the table": ("ab1", {"plate_pose": [0.62, 0.1, 1.114, 1, 0, 0, 0]}),
+    "beyond the reach of one arm": (
+        "ab1",
+        {
+            "plate": {"shape": {"type": "box", "size": [0.3, 0.25, 0.03]}, "mass": 3.0},
+            "plate_pose": [0.65, 0.6, 1.109, 1, 0, 0, 0],
+            "cup": {"position": [0.08, 0], "radius": 0.02, "max_force": 25},
+        },
+    ),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,12 @@ from planners.contract.task_spec import SuctionToolTask, write_task
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
 from planners.planning import TaskSolver
-from planners.remedies.change import Directions, moved_pose
+from planners.remedies.change import TaskChange, moved_pose
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
+from tests.support.deep_bin import NAMES, PART, WALLS
 from tests.support.plan_shelf import PlanShelf
 from tests.support.samples import among, sample
 
@@ -36,6 +38,14 @@ UNSOLVED: dict[str, dict[str, Any]] = {
         "objects": [{**DIE, "mass": 3.0, "shape": {"type": "box", "size": [0.1, 0.1, 0.03]}}]
     },
 }
+
+BIN: dict[str, Any] = {"objects": [PART], "obstacles": WALLS}
+UNSOLVED["into a deep bin"] = {**BIN, "tool": "long_symmetric", "options": {"simulate": False}}
+
+
+def never(_: TaskChange) -> bool:
+    """Find no plan."""
+    return False
 
 
 def posted(more: dict[str, Any]) -> dict[str, Any]:
@@ -83,7 +93,7 @@ def test_an_object_that_is_too_heavy_is_made_as_light_as_cup_and_hand_bear(stron
     assert isinstance(task, SuctionToolTask)
     scene, plan = build_scene(task), solver.solve(task)
     assert isinstance(scene, SuctionToolScene)
-    kinds = [list(kind) for kind in ToolChanges(task, build_scene, plan).by_kind()]
+    kinds = [list(kind) for kind in ToolChanges(task, build_scene, plan, never).by_kind()]
     told = [change.patch[0].value for kind in kinds for change in kind if change.kind == "mass"]
     masses = [each for each in told if isinstance(each, float)]
     borne = min(force, max(scene.carry_force_limits.values()) - 9.81 * scene.tool.mass) / 9.81
@@ -96,9 +106,80 @@ def test_all_changes_are_tasks_that_the_contract_takes(unsolved: tuple[dict[str,
     body, plan = unsolved
     task = read_task(body)
     assert isinstance(task, SuctionToolTask)
-    for kind in ToolChanges(task, build_scene, plan).by_kind():
+    for kind in ToolChanges(task, build_scene, plan, never).by_kind():
         for change in kind:
             assert read_task(changed(body, change.patch)) == change.applied(task), change.sentence
+
+
+def obstacle_changes(helps: Callable[[set[str]], bool], failed: Plan, **more: Any) -> tuple[list[TaskChange], int]:
+    """Return the changes of a bin's walls, and how many changed tasks were planned to find them.
+
+    Args:
+        helps: whether there is a plan with the obstacles of these names.
+        failed: the plan that names what is changed.
+        more: other members of the task.
+    """
+    task = read_task(posted(BIN | more))
+    assert isinstance(task, SuctionToolTask)
+    asked = list[set[str]]()
+
+    def solves(change: TaskChange) -> bool:
+        other = change.applied(task)
+        assert other is not None
+        asked.append({each.name for each in other.obstacles})
+        return helps(asked[-1])
+
+    return [*ToolChanges(task, build_scene, failed, solves)._obstacles()], len(asked)
+
+
+@pytest.fixture(scope="module")
+def too_heavy(shelf: PlanShelf) -> Plan:
+    """Return a plan that names no obstacle."""
+    return shelf.plan(
+        read_task(json.loads((TASKS / "lid_too_heavy.json").read_bytes()) | {"options": {"remedies": False}})
+    )
+
+
+def test_walls_that_are_in_the_way_together_are_made_lower_together_and_at_last_taken_away(too_heavy: Plan) -> None:
+    changes, planned = obstacle_changes(lambda left: not left, too_heavy)
+    assert planned <= 3 + len(WALLS)
+    assert all(name in change.sentence for change in changes for name in NAMES)
+    sizes = [sorted(step.value["shape"]["size"][2] for step in change.patch) for change in changes[:-1]]  # type: ignore[index, call-overload]
+    assert len(sizes) > 1
+    assert all(len(set(each)) == 1 for each in sizes)
+    assert sizes == sorted(sizes, reverse=True)
+    assert [step.op for step in changes[-1].patch] == ["remove"] * len(WALLS)
+    for change in changes:
+        assert change.built(read_task(posted(BIN)), build_scene) is not None  # type: ignore[arg-type]
+
+
+def test_a_wall_that_is_in_the_way_alone_is_changed_alone(too_heavy: Plan) -> None:
+    changes, _ = obstacle_changes(lambda left: "wall_left" not in left, too_heavy)
+    assert len(changes) > 2
+    assert all(
+        "Make wall_left" in each or "Move wall_left" in each or "Take wall_left" in each
+        for each in (c.sentence for c in changes)
+    )
+
+
+def test_obstacles_stay_where_there_is_no_plan_without_them_either(too_heavy: Plan) -> None:
+    assert obstacle_changes(lambda left: False, too_heavy) == ([], 1)
+
+
+def test_of_many_obstacles_those_next_to_start_and_goal_are_tried(too_heavy: Plan) -> None:
+    """However many stand elsewhere."""
+    away = [
+        {
+            "name": f"far{k}",
+            "shape": {"type": "box", "size": [0.02, 0.02, 0.1]},
+            "pose": [0.75, 0.1 * k, 1.144, 1, 0, 0, 0],
+        }
+        for k in range(5)
+    ]
+    changes, planned = obstacle_changes(lambda left: not left & NAMES, too_heavy, obstacles=[*away, *BIN["obstacles"]])
+    assert planned <= 3 + len(WALLS)
+    assert all(name in change.sentence for change in changes for name in NAMES)
+    assert not any(other["name"] in change.sentence for change in changes for other in away)
 
 
 def test_a_pose_moved_and_turned_keeps_its_height_and_its_axis() -> None:
@@ -109,17 +190,3 @@ def test_a_pose_moved_and_turned_keeps_its_height_and_its_axis() -> None:
     assert moved[2, :3] == pytest.approx(T[2, :3])
     turned = moved[:3, :3] @ T[:3, :3].T
     assert np.degrees(np.arctan2(turned[1, 0], turned[0, 0])) == pytest.approx(np.degrees(0.7))
-
-
-@pytest.mark.parametrize(
-    ("way", "told"),
-    [
-        ([0.05, 0.0], "50 mm away from the robot"),
-        ([-0.05, 0.0], "50 mm towards the robot"),
-        ([0.0, 0.02], "20 mm to the left"),
-        ([0.03, -0.04], "30 mm away from the robot and 40 mm to the right"),
-        ([0.0, 0.0001], ""),
-    ],
-)
-def test_ways_are_told_as_seen_from_behind_the_robot(way: list[float], told: str) -> None:
-    assert Directions(np.array([2.0, 0.0])).say(np.array(way)) == told

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.geometry.pose import Array, Transform
-from planners.regrasp.grasps.grasp_reach import REACH_FAULTS, Branches, GraspReach
+from planners.regrasp.grasps.grasp_reach import REACH_FAULTS, TOUCHING, Branches, GraspReach, ReachFault
 from planners.regrasp.motion.travel_time import solutions
 from planners.regrasp.statics.hold_statics import OVERLOADED, UNGRIPPED
 from planners.regrasp.statics.laden_arm import OVERTAXED, bearing_branches
@@ -98,6 +98,42 @@ class GraspLayer:
         for number, fault in enumerate(REACH_FAULTS, start=1):
             masks[fault.value] = self._faults == number
         return {reason: mask for reason, mask in masks.items() if mask.any()}
+
+    @property
+    def object_name(self) -> str:
+        """Of what is on the cup; "the object" where nothing is."""
+        return next(iter(self._load.riding), "the object")
+
+    def hindrance(self) -> str:
+        """Say for a person what keeps most nodes that were asked away, of a layer without a possible one.
+
+        What is in the way of a grasp in reach comes before being out of reach: it is nearer to success.
+        """
+        counts = {reason: int(mask.sum()) for reason, mask in self.rejected().items()}
+        if not counts:
+            return "no hand could get hold of it"
+        far = counts.get(ReachFault.AWAY.value, 0)
+        touch = self._in_the_way()
+        if touch is not None:
+            return f"{' and '.join(touch)} would touch{', and no other grasp is in reach' if far else ''}"
+        most = max(counts, key=counts.__getitem__)
+        if most != ReachFault.AWAY.value:
+            return most
+        arms = [
+            arm for arm, faults in zip(self._reach, self._faults.reshape(-1, self.count), strict=True) if faults.any()
+        ]
+        who = "neither arm reaches" if len(arms) > 1 else f"the {arms[0]} arm does not reach"
+        return f"{who} all of the straight way to the tool there"
+
+    def _in_the_way(self) -> tuple[str, str] | None:
+        """Name two things that touch in one of the grasps that fell for it, of the arm with most of them."""
+        touching = np.isin(self._faults, [1 + REACH_FAULTS.index(fault) for fault in TOUCHING]).reshape(-1, self.count)
+        number = int(touching.sum(axis=1).argmax())
+        fallen = np.flatnonzero(touching[number])
+        if not len(fallen):
+            return None
+        reach = list(self._reach.values())[number]
+        return reach.in_the_way(self.T_world_tool, self._way, int(fallen[len(fallen) // 2]), self._load.riding)
 
     @cached_property
     def _borne(self) -> NodeMask:

@@ -113,9 +113,9 @@ class SuctionRoute:
     def emptiness(self) -> Rejection:
         """Say why there was no sequence, of layers that were asked as far as sequences could use them."""
         if not self.suction.reached.any():
-            return _empty("No grasp has the tool on the object at its start", self.suction)
+            return _empty("start", self.suction)
         if not any(goal.reached.any() for goal in self.goals):
-            return _empty("No grasp has the tool on the object at its goal", self.goals[self.goal_order[0]])
+            return _empty("goal", self.goals[self.goal_order[0]])
         reason = f"No grasps lead from start to goal with at most {self._most} handovers a round."
         return Rejection("grasp", reason)
 
@@ -189,12 +189,10 @@ class SuctionRoute:
         return round(rotation_angle(here, there), 6), round(self._side * float(turn[1, 0] - turn[0, 1]), 6)
 
 
-def _empty(what: str, layer: GraspLayer) -> Rejection:
-    """Return the rejection of a layer without a node: what keeps most of them away."""
-    counts = {reason: int(mask.sum()) for reason, mask in layer.rejected().items()}
-    if not counts:
-        return Rejection("grasp", f"{what} that any hand could get hold of it in.")
-    return Rejection("grasp", f"{what}: {max(counts, key=counts.__getitem__)}")
+def _empty(end: str, layer: GraspLayer) -> Rejection:
+    """Return the rejection of a layer without a node, at start or goal: what keeps its grasps away."""
+    name = layer.object_name
+    return Rejection("grasp", f"No grasp has the tool on {name} at its {end}: {layer.hindrance()}.", name)
 
 
 def _handed(nodes: NodeMask, handovers: HandoverMasks) -> NodeMask:

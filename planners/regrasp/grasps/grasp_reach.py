@@ -19,7 +19,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
+from planners.collision.kernel import (
+    CollisionKernel,
+    first_collision,
+    first_collisions,
+    make_scratch,
+    set_frame,
+)
 from planners.collision.model import CollisionQuery, Fixed, NamePair, PairChoice, Placement, Riding
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform
@@ -46,6 +52,8 @@ class ReachFault(StrEnum):
 
 
 REACH_FAULTS = tuple(ReachFault)
+TOUCHING = frozenset({ReachFault.CARRIED, ReachFault.HAND, ReachFault.LINKS})
+"""Faults for which something is in the way."""
 _NO_FAULT, _CARRIED, _AWAY, _HAND, _LINKS = range(5)
 """A fault as a number: 0, or 1 + its place in `REACH_FAULTS`."""
 
@@ -132,6 +140,48 @@ class GraspReach:
                 )
                 _reach(arm, grasps, queries, T_world_tools, self._positions.copy(), result, faults)
         return ReachedGrasps(result, faults)
+
+    def in_the_way(
+        self, T_world_tool: Transform, lift: Array | None, grasp: int, riding: Mapping[str, Transform]
+    ) -> tuple[str, str] | None:
+        """Name for a person two things that touch where the arm takes a grasp; None where it does not reach or none do.
+
+        Of several it is what is met first on the way that `reached` goes, whose arguments these are but for the number
+        of the grasp.
+        """
+        T_world_tools, way = self._lifted(T_world_tool, lift), self.settings.way()
+        arm = ArmKernel.of(self.workcell.arm(self.arm), self.workcell.joints(self.arm).start)
+        back, count = len(way), len(way) + len(T_world_tools) - 1
+        T_base_flanges, solutions = np.empty((count, 4, 4)), np.empty((count, 8, 6))
+        _place_flanges(arm.T_base_world, T_world_tools, self.T_tool_flange[grasp], way, T_base_flanges)
+        branches = _passes(arm.dh, arm.position_min, arm.position_max, T_base_flanges, back, solutions)
+        taken = [branch for branch in range(8) if branches >> branch & 1]
+        group, lifted = self._groups[int(self._group_of[grasp])], range(back, count)
+        asked = (
+            (self._carried, lifted),
+            (group.opened, range(back)),
+            (group.held, (0, *lifted)),
+            (group.links, range(count)),
+        )
+        for query, places in asked:
+            kernel, frame = _ridden(query, riding), query.frame_index(TOOL_FRAME)
+            Q = np.repeat(self._positions[None], len(taken), axis=0)
+            for place in places if taken and len(kernel.pairs) else ():
+                set_frame(kernel, frame, T_world_tools[max(0, place - back + 1)])
+                Q[:, arm.first_joint : arm.first_joint + 6] = solutions[place, taken]
+                pairs = first_collisions(kernel, Q)
+                if pairs.max() >= 0:
+                    a, b = query.pair_names(int(pairs.max()))
+                    return self._told(query, a), self._told(query, b)
+        return None
+
+    def _told(self, query: CollisionQuery, name: str) -> str:
+        """Say for a person which body it is: of hands and arms only whose they are."""
+        body = next(body for body in query.model.bodies if body.name == name)
+        for arm in self.workcell.cell.arms:
+            if body.group == arm:
+                return f"the {arm} {'hand' if self.workcell.is_hand(body, arm) else 'arm'}"
+        return f"the {TOOL_FRAME}" if body.frame == TOOL_FRAME else name
 
     def _lifted(self, T_world_tool: Transform, lift: Array | None) -> Array:
         """Return the poses (m, 4, 4) of the tool along its lift, where it is first."""

@@ -229,9 +229,10 @@ class ObjectPlanner:
                 try:
                     realised[key] = self._step(state, target, route, goal, edge, following)
                 except Stuck as stuck:
-                    report.rejections.add(stuck.rejection)
+                    rejection = replace(stuck.rejection, where=stuck.rejection.where or target.name)
+                    report.rejections.add(rejection)
                     report.counts.edges_deleted += 1
-                    route.delete(edge, stuck.rejection)
+                    route.delete(edge, rejection)
                     return None
                 route.passed(edge)
             state = realised[key]
