@@ -10,7 +10,7 @@ from planners.plan.verdicts import PlanningOutcome, Remedy
 from planners.progress import Progress, Report
 from planners.remedies.change import KINDS, AnyTask, Effort, TaskChange, put, told_cup_place
 
-MOST_STEPS = 108
+MOST_STEPS = 100
 """Of all that is tried for one task: some 20 s on a common core."""
 STEPS_WITH_PHYSICS = 120
 """Of what is tried for a plan that failed in physics: about a minute."""
