@@ -66,7 +66,7 @@ _TURNS = tuple(math.radians(sign * angle) for angle in (10, 20, 30, 45, 60, 90) 
 _WAYS = (0.05, 0.10)
 """How far the plate is moved straight on [m] ..."""
 _TOWARDS_BEST = (0.5, 0.75, 1.0)
-"""... and of the way to where both arms reach best, where that is farther [1] ..."""
+"""... and of the way to where both arms reach best, where that is farther than an arm reaches [1] ..."""
 _OUT_OF_REACH_WAYS = tuple(0.1 * step for step in range(1, 10))
 """... but straight on where it is proven to be out of reach [m] ..."""
 _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
@@ -374,8 +374,8 @@ class LiftChanges:
         """Return ways (2,) for the plate [m], the least first: straight on, and towards where both arms reach best."""
         lengths = _WAYS if self._planner.out_of_reach() is None else _OUT_OF_REACH_WAYS
         ways = [length * way for length in lengths for way in straight_ways()]
-        nearer = (np.round(share * self._way_to_best, 2) for share in _TOWARDS_BEST)
-        ways += [way for way in nearer if np.linalg.norm(way) > _WAYS[-1]]
+        if self._is_far_off:
+            ways += [np.round(share * self._way_to_best, 2) for share in _TOWARDS_BEST]
         return sorted(ways, key=lambda way: round(float(np.linalg.norm(way)), 6))
 
     @cached_property

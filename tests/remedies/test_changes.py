@@ -171,6 +171,8 @@ def test_a_plate_far_off_is_moved_to_where_both_arms_reach_best_the_least_way_fi
     places = np.array([change.patch[0].value[:2] for change in moves])  # type: ignore[index]
     lengths = np.linalg.norm(places - place, axis=1)
     assert (np.diff(lengths) > -1e-6).all()
+    if not first:
+        return
     # The longest way leads to where either arm is neither bent nor stretched.
     arms = changes.scene.cell.arms.values()
     shares = [float(np.linalg.norm(places[-1] - arm.T_world_base[:2, 3])) / arm.robot.reach for arm in arms]

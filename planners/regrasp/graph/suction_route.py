@@ -192,7 +192,7 @@ class SuctionRoute:
 def _empty(end: str, layer: GraspLayer) -> Rejection:
     """Return the rejection of a layer without a node, at start or goal: what keeps its grasps away."""
     name = layer.object_name
-    return Rejection("grasp", f"No grasp has the tool on {name} at its {end}: {layer.hindrance()}.", name)
+    return Rejection("grasp", f"No grasp has the tool on {name} at its {end}: {layer.hindrance().rstrip('.')}.", name)
 
 
 def _handed(nodes: NodeMask, handovers: HandoverMasks) -> NodeMask:

@@ -144,7 +144,7 @@ class GraspReach:
     def in_the_way(
         self, T_world_tool: Transform, lift: Array | None, grasp: int, riding: Mapping[str, Transform]
     ) -> tuple[str, str] | None:
-        """Name for a person two things that touch where the arm takes a grasp; None where it does not reach or none do.
+        """Name for a person two things that touch where the arm takes a grasp; None where none do in reach.
 
         Of several it is what is met first on the way that `reached` goes, whose arguments these are but for the number
         of the grasp.
@@ -152,26 +152,27 @@ class GraspReach:
         T_world_tools, way = self._lifted(T_world_tool, lift), self.settings.way()
         arm = ArmKernel.of(self.workcell.arm(self.arm), self.workcell.joints(self.arm).start)
         back, count = len(way), len(way) + len(T_world_tools) - 1
-        T_base_flanges, solutions = np.empty((count, 4, 4)), np.empty((count, 8, 6))
+        T_base_flanges, solutions = np.empty((count, 4, 4)), np.zeros((count, 8, 6))
         _place_flanges(arm.T_base_world, T_world_tools, self.T_tool_flange[grasp], way, T_base_flanges)
         branches = _passes(arm.dh, arm.position_min, arm.position_max, T_base_flanges, back, solutions)
         taken = [branch for branch in range(8) if branches >> branch & 1]
         group, lifted = self._groups[int(self._group_of[grasp])], range(back, count)
+        # Tool and object are where they are, wherever the arm is.
         asked = (
-            (self._carried, lifted),
-            (group.opened, range(back)),
-            (group.held, (0, *lifted)),
-            (group.links, range(count)),
+            (self._carried, lifted, [0]),
+            (group.opened, range(back), taken),
+            (group.held, (0, *lifted), taken),
+            (group.links, range(count), taken),
         )
-        for query, places in asked:
+        for query, places, on in asked:
             kernel, frame = _ridden(query, riding), query.frame_index(TOOL_FRAME)
-            Q = np.repeat(self._positions[None], len(taken), axis=0)
-            for place in places if taken and len(kernel.pairs) else ():
+            Q = np.repeat(self._positions[None], len(on), axis=0)
+            for place in places if on and len(kernel.pairs) else ():
                 set_frame(kernel, frame, T_world_tools[max(0, place - back + 1)])
-                Q[:, arm.first_joint : arm.first_joint + 6] = solutions[place, taken]
-                pairs = first_collisions(kernel, Q)
-                if pairs.max() >= 0:
-                    a, b = query.pair_names(int(pairs.max()))
+                Q[:, arm.first_joint : arm.first_joint + 6] = solutions[place, on]
+                pair = int(first_collisions(kernel, Q).max())
+                if pair >= 0:
+                    a, b = query.pair_names(pair)
                     return self._told(query, a), self._told(query, b)
         return None
 
