@@ -366,7 +366,9 @@ class _RemedySearch:
             remedies, tried = self._search(pairs(), more), tried | more.tried
         return remedies, tried
 
-    def _changes(self, more: Effort) -> tuple[list[Iterator[TaskChange]], Callable[[], Iterable[Iterator[TaskChange]]]]:
+    def _changes(
+        self, more: Effort
+    ) -> tuple[Sequence[Iterator[TaskChange | None]], Callable[[], Iterable[Iterator[TaskChange]]]]:
         """Return the changes of every kind, and what gives pairs of them, for which asking may take `more`."""
         task, failed = self._task, self._failed
         if isinstance(task, PlateLiftTask):
@@ -380,7 +382,7 @@ class _RemedySearch:
         return tool.by_kind(), tool.in_pairs
 
     def _search(
-        self, changes: Iterable[Iterator[TaskChange]], effort: Effort, most: int = MOST_REMEDIES
+        self, changes: Iterable[Iterator[TaskChange | None]], effort: Effort, most: int = MOST_REMEDIES
     ) -> list[Remedy]:
         return find_remedies(changes, self._attempt, self._task, effort, self._on_progress, most)
 

@@ -29,7 +29,7 @@ MOST_TRIES = 4
 
 
 def find_remedies(
-    changes: Iterable[Iterator[TaskChange]],
+    changes: Iterable[Iterator[TaskChange | None]],
     attempt: Callable[[AnyTask], Plan | None],
     task: AnyTask,
     effort: Effort,
@@ -39,7 +39,7 @@ def find_remedies(
     """Plan changed tasks, one of each kind in turn, until enough was found or so much was tried.
 
     Args:
-        changes: of each kind, the smallest first.
+        changes: of each kind, the smallest first; None: other kinds have their turn.
         attempt: plans a task and certifies the plan, and simulates it if it is to be; None where there is none that
             passes.
         task: that has no plan, or one that fails in physics.
@@ -83,16 +83,22 @@ def with_cup_at(place: tuple[float, float], remedy: Remedy) -> Remedy:
 class _OfKind:
     """The search for remedies of one kind."""
 
-    def __init__(self, changes: Iterator[TaskChange]) -> None:
+    def __init__(self, changes: Iterator[TaskChange | None]) -> None:
         self._changes, self._tries = changes, 0
         self.found: list[Remedy] = []
         self.ended = False
 
     def try_next(self, attempt: Callable[[AnyTask], Plan | None], task: AnyTask, effort: Effort) -> None:
         """Plan the next change of the kind, if there is one and steps are left."""
-        change = next(self._changes, None)
-        changed = None if change is None else change.applied(task)
-        if change is None or changed is None or not effort.take("plan"):
+        try:
+            change = next(self._changes)
+        except StopIteration:
+            self.ended = True
+            return
+        if change is None:
+            return
+        changed = change.applied(task)
+        if changed is None or not effort.take("plan"):
             self.ended = True
             return
         self._tries += 1

@@ -71,6 +71,8 @@ _OUT_OF_REACH_WAYS = tuple(0.1 * step for step in range(1, 10))
 """... but straight on where it is proven to be out of reach [m] ..."""
 _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
 """... and obstacles [m]."""
+_IN_VAIN = 4
+"""Other places of one kind that are asked in vain before other kinds have their turn [1]."""
 _SQUEEZES = (1.5, 2.0, 4.0)
 """How much harder the gripper squeezes [1]."""
 _EDGES = 2
@@ -123,7 +125,7 @@ class LiftChanges:
         self._rotation = self.scene.T_world_plate[:2, :2]
         """Takes directions on the plate to the world."""
 
-    def by_kind(self, *, whole_reserve: bool = False) -> list[Iterator[TaskChange]]:
+    def by_kind(self, *, whole_reserve: bool = False) -> list[Iterator[TaskChange | None]]:
         """Return the changes of every kind, each in order of size; kinds that concern what is short come first.
 
         Args:
@@ -227,8 +229,16 @@ class LiftChanges:
         reserve = self._kept if kept is None else kept
         return planner.proof() is None and planner.fits and planner.may_keep(reserve, low=True)
 
-    def _of(self, changes: Iterable[TaskChange], *, forces: bool) -> Iterator[TaskChange]:
-        return (change for change in changes if self._leaves_a_way(change, forces=forces))
+    def _of(self, changes: Iterable[TaskChange], *, forces: bool) -> Iterator[TaskChange | None]:
+        """Yield those that leave a way; None whenever some were asked in vain, so that other kinds have their turn."""
+        in_vain = 0
+        for change in changes:
+            if self._leaves_a_way(change, forces=forces):
+                yield change
+            elif not forces:
+                in_vain += 1
+                if in_vain % _IN_VAIN == 0:
+                    yield None
 
     @property
     def _is_too_thin(self) -> bool:
@@ -294,7 +304,7 @@ class LiftChanges:
         sentence = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
         return TaskChange("cup_force", sentence, (put("/cup/max_force", force),))
 
-    def _cup_place(self) -> Iterator[TaskChange]:
+    def _cup_place(self) -> Iterator[TaskChange | None]:
         yield from self._of(self._cup_places(), forces=True)
 
     def _cup_places(self) -> Iterator[TaskChange]:
@@ -325,7 +335,7 @@ class LiftChanges:
         sentence = f"Move the cup {way}, to {at}." if moves else f"Put the cup at {at}."
         return TaskChange("cup_place", sentence, (put("/cup/position", numbers(np.array(place))),))
 
-    def _hands(self) -> Iterator[TaskChange]:
+    def _hands(self) -> Iterator[TaskChange | None]:
         """All that the arms' payloads and the gripper allow, where the task asks for less."""
         stated, scene = self.task.hand_force_limit, self.scene
         hand = scene.cell.gripper(scene.cell.gripper_arms[0])
@@ -344,11 +354,11 @@ class LiftChanges:
         sentence = f"Let the hands bear all that the arms' payloads leave: {limits['net']:g} N each at most{told}."
         return TaskChange("hand_limits", sentence, (put("/hand_force_limit", {**limits, "squeeze": squeeze}),))
 
-    def _lifter(self) -> Iterator[TaskChange]:
+    def _lifter(self) -> Iterator[TaskChange | None]:
         others = [name for name in _OTHER_LIFTERS if name != self.task.lifter_model]
         yield from self._of((_other_lifter(name) for name in others), forces=True)
 
-    def _tolerances(self) -> Iterator[TaskChange]:
+    def _tolerances(self) -> Iterator[TaskChange | None]:
         mass, com = self.task.plate.mass_tolerance, self.task.plate.com_tolerance
         yield from self._of(
             (_known_better(mass * share, com * share) for share in (0.5, 0.0) if mass or com), forces=True
@@ -356,14 +366,14 @@ class LiftChanges:
 
     # Places.
 
-    def _plate_turned(self) -> Iterator[TaskChange]:
+    def _plate_turned(self) -> Iterator[TaskChange | None]:
         turns = (
             TaskChange("plate_yaw", f"Turn the plate by {turning(angle)}.", self._plate_moved(np.zeros(2), angle))
             for angle in _TURNS
         )
         yield from self._of(turns, forces=False)
 
-    def _plate_place(self) -> Iterator[TaskChange]:
+    def _plate_place(self) -> Iterator[TaskChange | None]:
         places = (
             TaskChange("plate_place", f"Move the plate {self._told_move(way)}.", self._plate_moved(way))
             for way in self._plate_ways()
@@ -401,7 +411,7 @@ class LiftChanges:
             steps.append(put("/support/pose", moved_pose(support.pose, way, turn)))
         return tuple(steps)
 
-    def _board(self) -> Iterator[TaskChange]:
+    def _board(self) -> Iterator[TaskChange | None]:
         """A board under a plate that hands cannot get beside on the bare table, or one as large as the plate."""
         given = self.scene.support_top - self.scene.cell.table_top
         boards = _BOARDS if self.task.support is None else (given,) if self.scene.surface_beyond > _FLUSH else ()
@@ -425,7 +435,7 @@ class LiftChanges:
         )
         return TaskChange("support", sentence, steps)
 
-    def _to_the_edge(self) -> Iterator[TaskChange]:
+    def _to_the_edge(self) -> Iterator[TaskChange | None]:
         """The plate on the table, a side at the nearest of its edges, so that a hand comes to it from beyond."""
         table, plate = self.scene.cell.boxes[0], self.scene.plate
         corners = plate.outline @ self._rotation.T + plate.T_world_body[:2, 3]
@@ -447,7 +457,7 @@ class LiftChanges:
         steps = (put("/support", None), put("/plate_pose", moved_pose(lowered, way)))
         return TaskChange("plate_place", f"{moved}, without the support.", steps)
 
-    def _given_holds(self) -> Iterator[TaskChange]:
+    def _given_holds(self) -> Iterator[TaskChange | None]:
         options = self.task.options
         given = [name for name in ("grips", "pushes") if getattr(options, name) is not None]
         if given:
@@ -464,7 +474,7 @@ class LiftChanges:
             return False
         return self._leaves_a_way(TaskChange("obstacle", "", (put("/obstacles", []),)), forces=False, kept=0.0)
 
-    def _obstacles(self) -> Iterator[TaskChange]:
+    def _obstacles(self) -> Iterator[TaskChange | None]:
         """An obstacle moved or taken away, or two taken away; nothing where that leaves no way."""
         for index, obstacle in enumerate(self.task.obstacles):
             gone = TaskChange("obstacle", f"Take {obstacle.name} away.", (removed(f"/obstacles/{index}"),))

@@ -213,7 +213,7 @@ def a_plan(shelf: PlanShelf) -> Plan:
     return shelf.plan(AB1)
 
 
-def found(kinds: list[list[TaskChange]], helps: Any, plan: Plan, steps: int = 1000) -> list[Remedy]:
+def found(kinds: Sequence[Sequence[TaskChange | None]], helps: Any, plan: Plan, steps: int = 1000) -> list[Remedy]:
     def attempt(task: Any) -> Plan | None:
         return plan if helps(task.cup.max_force) else None
 
@@ -233,6 +233,12 @@ def test_kinds_take_turns_and_the_smallest_change_of_each_comes_first(a_plan: Pl
     assert told == ["21 N.", "22 N.", "31 N.", "32 N.", "41 N."]
     alone = found(kinds[:1], lambda newtons: True, a_plan)
     assert len(alone) == MOST_OF_A_KIND
+
+
+def test_a_kind_that_is_still_looking_keeps_nobody_waiting(a_plan: Plan) -> None:
+    kinds = [[None, None, force(21.0)], [force(31.0), force(32.0)]]
+    assert [remedy.sentence for remedy in found(kinds, lambda newtons: True, a_plan, steps=12)] == ["31 N.", "32 N."]
+    assert len(found(kinds, lambda newtons: True, a_plan)) == 3
 
 
 def test_the_search_ends_with_its_steps(a_plan: Plan) -> None:
