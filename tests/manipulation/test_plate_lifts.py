@@ -88,13 +88,6 @@ def test_same_task_same_document_but_for_the_times(name, cells):
     assert documents[0] == documents[1]
 
 
-def test_causes_are_sentences_with_their_counts_inside(cells):
-    task = task_body("ab1", contact_density=0.25, hold_density=0.25)
-    task["cup"]["max_force"] = 5.0
-    causes = [cause["reason"] for cause in document_of(task, cells)["explanation"]["causes"]]
-    assert any(" times)" in reason for reason in causes)
-    assert not any(". (" in reason for reason in causes)
-
 
 # Cells that are not the shipped one.
 

@@ -111,7 +111,7 @@ def test_the_suction_poses_are_asked_once_for_every_object() -> None:
 def test_an_object_that_is_out_of_reach_is_not_found_with_the_reason(handovers: HandoverDatabase) -> None:
     plan = planned(scene_of(box("far", [0.8, 0.8], [0.35, 0.2])), handovers)
     assert plan.outcome is PlanningOutcome.NOT_FOUND
-    assert any("does not reach" in cause.reason for cause in plan.causes)
+    assert any("arm reaches" in cause.reason or "arm does not reach" in cause.reason for cause in plan.causes)
 
 
 def test_the_figures_of_a_regrasp_graph_show_the_sequence_that_was_moved(handovers: HandoverDatabase) -> None:
