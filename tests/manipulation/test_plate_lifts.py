@@ -88,7 +88,6 @@ def test_same_task_same_document_but_for_the_times(name, cells):
     assert documents[0] == documents[1]
 
 
-
 # Cells that are not the shipped one.
 
 
