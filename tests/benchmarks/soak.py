@@ -206,9 +206,10 @@ class Fleet:
     def stop(self) -> None:
         """Ask every process to end, and wait."""
         for worker in self.workers:
-            # One that was started just now is not ready to be asked yet.
-            worker.wait()
-            worker.end(signal.SIGTERM)
+            if worker.process is not None:
+                # One that was started just now is not ready to be asked yet.
+                worker.wait()
+                worker.end(signal.SIGTERM)
         self.api.stop()
 
     def _kill_a_solver(self, chance: random.Random) -> bool:
