@@ -117,6 +117,8 @@ class Player {
     );
     const message = document.getElementById("message");
     message.className = "low";
+    // Where it is longer than its place it is scrolled, by keys too.
+    message.tabIndex = 0;
     message.replaceChildren(...(description.outcome === "solved" ? [] : explanation(description)));
   }
 
