@@ -127,10 +127,6 @@ class SceneFaults:
         """By all members that an error points at, of which it is told once: an arm that is in a box is so with many
         links."""
 
-    def __bool__(self) -> bool:
-        """Whether there are any."""
-        return bool(self._found)
-
     def add(self, error: SceneError) -> None:
         """Add what an error tells of, unless as much is known of the same members, or one of them must change anyway.
 
