@@ -6,6 +6,8 @@ import os
 import resource
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import httpx
 import psutil
@@ -17,7 +19,8 @@ SOLVER_SECONDS = 3.0
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    limits = {"solver_seconds": SOLVER_SECONDS, "solver_memory_mb": 400, "crash_limit": 2}
+    """No limit of time: behind other work a solver takes seconds to fill its memory."""
+    limits = {"solver_memory_mb": 400, "crash_limit": 2}
     with running_service(tmp_path_factory.mktemp("data"), FAKE_SOLVER, worker_slots=1, **limits) as service:
         yield service
 
@@ -28,28 +31,40 @@ def client(service: ServiceProcess) -> Iterator[httpx.Client]:
         yield client
 
 
-def end_of(client: httpx.Client, wish: str) -> dict:
+def end_of(client: httpx.Client, wish: str) -> dict[str, Any]:
     answer = client.post("/v1/plans", json=task(external_id=wish))
     assert answer.status_code == 202
     return finished(client, answer.json())
 
 
-@pytest.mark.parametrize(
-    ("wish", "sentence"),
-    [
-        ("child", "the solver was stopped after 3 s, the longest it may take"),
-        ("eat", "the task needs more memory than a solver may take (400 MiB"),
-        ("die", "given up after 2 attempts: the solver process ended without an answer (signal SIGKILL)"),
-    ],
-)
-def test_a_job_beyond_a_limit_fails_with_a_sentence_leaves_no_process_and_does_not_stop_the_next(
-    service: ServiceProcess, client: httpx.Client, wish: str, sentence: str
-) -> None:
+def require_failure(service: ServiceProcess, client: httpx.Client, wish: str, sentence: str) -> None:
+    """A job fails with a sentence, leaves no process, and does not stop the next."""
     plan = end_of(client, wish)
     assert plan["state"] == "failed"
     assert plan["error"]["detail"].startswith(sentence)
     wait_for(lambda: len(service.descendants()) <= 1, 5.0)
     assert end_of(client, "now")["outcome"] == "solved"
+
+
+@pytest.mark.parametrize(
+    ("wish", "sentence"),
+    [
+        ("eat", "the task needs more memory than a solver may take (400 MiB"),
+        ("die", "given up after 2 attempts: the solver process ended without an answer (signal SIGKILL)"),
+    ],
+)
+def test_a_job_beyond_its_memory_or_that_ends_its_solver_fails(
+    service: ServiceProcess, client: httpx.Client, wish: str, sentence: str
+) -> None:
+    require_failure(service, client, wish, sentence)
+
+
+def test_a_job_that_takes_too_long_fails_with_the_processes_it_has_started(tmp_path: Path) -> None:
+    with (
+        running_service(tmp_path, FAKE_SOLVER, worker_slots=1, solver_seconds=SOLVER_SECONDS) as service,
+        service.client() as client,
+    ):
+        require_failure(service, client, "child", "the solver was stopped after 3 s, the longest it may take")
 
 
 def test_a_full_disk_is_a_503_and_afterwards_everything_goes_on(service: ServiceProcess, client: httpx.Client) -> None:
