@@ -71,7 +71,7 @@ class WorkerSettings(BaseSettings):
     """So much memory a solver process may take for data [MiB]; a task that needs more has failed. One that waits for
     work has about 600."""
     solver_niceness: int = Field(default=10, ge=0, le=19)
-    """How far solvers stand back behind everything else in the worker's session, the API in the same process above all
+    """How far solvers and their sessions stand back behind everything else on the machine, API and database above all
     (nice(1)): requests are answered soon while all cores plan, and an idle machine plans as fast."""
     watch_seconds: float = Field(default=2.0, gt=0.0, le=60.0)
     """How often a worker looks for jobs of workers that have died, and whether its own still are its own [s]."""

@@ -28,7 +28,7 @@ SHAPES: dict[str, type | tuple[type, ...]] = {
     "build": (str, dict), "image": str, "command": (str, list), "environment": (dict, list), "depends_on": (dict, list),
     "user": str, "read_only": bool, "tmpfs": (str, list), "cap_drop": list, "security_opt": list, "restart": str,
     "stop_grace_period": str, "ports": list, "volumes": list, "healthcheck": dict, "scale": int, "shm_size": str,
-    "mem_limit": str, "pids_limit": int,
+    "mem_limit": str, "pids_limit": int, "cpu_shares": int,
 }  # fmt: skip
 """The members of a service (Compose Specification) that are used here, and what they may be."""
 HEALTH = {"test": list, "interval": str, "timeout": str, "retries": int, "start_period": str}
@@ -100,6 +100,13 @@ def test_what_a_service_may_take_is_bounded(name: str) -> None:
         solver = ServiceSettings.model_fields["solver_memory_mb"].default
         assert int(memory[1]) * 1024 > solver + 1024, "the solver meets its own limit first, and the job says so"
         assert service["environment"]["LIFTWRIGHT_STUDY_SLOTS"] == "1", "by default one a core"
+
+
+def test_workers_stand_back_behind_all_that_answers() -> None:
+    usual = 1024
+    weights = {name: service.get("cpu_shares", usual) for name, service in SERVICES.items()}
+    workers = weights.pop("worker") * SERVICES["worker"]["scale"]
+    assert workers < min(weights.values())
 
 
 def test_workers_are_several_by_a_member_that_every_program_knows() -> None:

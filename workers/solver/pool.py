@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Self
 
 import structlog
@@ -39,6 +40,9 @@ START_PAUSES_SECONDS = (0.5, 2.0)
 
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 """Libraries of linear algebra keep threads otherwise, which a process that forks must not have."""
+
+SESSION_TRIES = 20
+"""How often the weight of a solver's session is set, a tenth of a second apart [1]."""
 
 OnReport = Callable[[Report], Awaitable[None]]
 OnCertified = Callable[[PackedDocument], Awaitable[None]]
@@ -73,8 +77,25 @@ class SolverCommand:
     """Added to the worker's own, for it and each process it starts."""
 
 
+async def _weigh_session(leader: int, niceness: int) -> None:
+    """Weigh a session among others as a process of that niceness among others of one session (sched(7), autogroups)."""
+    autogroup = Path(f"/proc/{leader}/autogroup")
+    for _ in range(SESSION_TRIES):
+        try:
+            autogroup.write_text(str(niceness))
+        except BlockingIOError:
+            # Without privileges, one session of the whole machine in a tenth of a second.
+            await asyncio.sleep(0.1)
+        except OSError:
+            # It has ended, or there are no autogroups: niceness counts among all processes, or all of the container.
+            return
+        else:
+            return
+    log.warning("a solver does not stand back behind other sessions", process=leader)
+
+
 class SolverProcess:
-    """One child in a process group of its own, and in the worker's session: the kernel weighs niceness within one."""
+    """One child in a session of its own, which stands back behind all others as the child does within one."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         assert process.stdin is not None
@@ -95,17 +116,24 @@ class SolverProcess:
                 env={**os.environ, **ONE_THREAD, **command.environment},
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
-                process_group=0,
+                start_new_session=True,
                 limit=MAX_LINE,
             )
         except OSError as error:
             raise SolverDied(f"the solver process could not be started ({error.strerror})") from error
-        # It may have ended already; then there is nothing to limit.
-        with suppress(ProcessLookupError):
-            os.setpriority(os.PRIO_PROCESS, process.pid, os.getpriority(os.PRIO_PROCESS, 0) + command.niceness)
-            if command.memory_bytes is not None:
-                resource.prlimit(process.pid, resource.RLIMIT_DATA, (command.memory_bytes, command.memory_bytes))
-        return cls(process)
+        solver = cls(process)
+        try:
+            # It may have ended already; then there is nothing to limit.
+            with suppress(ProcessLookupError):
+                niceness = min(19, os.getpriority(os.PRIO_PROCESS, 0) + command.niceness)
+                os.setpriority(os.PRIO_PROCESS, process.pid, niceness)
+                if command.memory_bytes is not None:
+                    resource.prlimit(process.pid, resource.RLIMIT_DATA, (command.memory_bytes, command.memory_bytes))
+                await _weigh_session(process.pid, niceness)
+        except BaseException:
+            await solver.kill()
+            raise
+        return solver
 
     @property
     def pid(self) -> int:
