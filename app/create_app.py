@@ -178,7 +178,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool, ask_for_keys: bo
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.settings = settings
-    install_error_handlers(app)
+    install_error_handlers(app, pages.problem_for_a_person)
     app.add_middleware(AccessControl)
     app.add_middleware(HeadAsGet)
     app.add_middleware(OneLength)

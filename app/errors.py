@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 from itertools import chain
@@ -17,7 +17,8 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import compile_path
 
-from planners.contract.problems import Problem, problem_of, problems_of
+from planners.contract.problems import NotValid, Problem, problem_of, problems_of
+from planners.contract.scan_spec import NotAScan
 from planners.contract.strict_json import NotJson
 from planners.errors import AssetError, LiftwrightError, SceneError
 from planners.geometry.mesh_file import MeshRefused
@@ -376,13 +377,19 @@ class CellNotDrawn(ServiceError, status=HTTPStatus.NOT_FOUND, title="No drawing"
         super().__init__(f"this was made in the cell {name!r}; drawings exist of {', '.join(known)}")
 
 
+class NotAWebhook(NotValid):
+    """What was posted registers no webhook."""
+
+
 FOREIGN: Mapping[type[Exception], ErrorKind] = {
     NotJson: ErrorKind(HTTPStatus.BAD_REQUEST, "The body is not JSON"),
     TargetRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not allowed"),
     ValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     SceneError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The task is not valid"),
     NotAStudy: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The study is not valid"),
+    NotAWebhook: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The webhook is not valid"),
     MeshRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The mesh cannot be used"),
+    NotAScan: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
     ScanRefused: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The scan cannot be used"),
     AssetError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "The cell cannot be used"),
     RequestValidationError: ErrorKind(HTTPStatus.UNPROCESSABLE_ENTITY, "A parameter is not valid"),
@@ -392,36 +399,57 @@ FOREIGN: Mapping[type[Exception], ErrorKind] = {
 ANSWERED = (ServiceError, *FOREIGN)
 
 
-def install_error_handlers(app: FastAPI) -> None:
-    """Answer every error of `ANSWERED`, what the router refuses, and whatever else happens, as problem+json."""
+class ProblemResponse(Response):
+    """An error as RFC 9457 says."""
+
+    def __init__(
+        self, answer: ErrorKind, detail: str, errors: Sequence[Problem] = (), headers: Mapping[str, str] | None = None
+    ) -> None:
+        self.answer, self.detail = answer, detail
+        slug = answer.title.lower().replace(" ", "-")
+        body: dict[str, object] = {
+            "type": f"urn:liftwright:problem:{slug}",
+            "title": answer.title,
+            "status": answer.status.value,
+            "detail": detail,
+        }
+        if errors:
+            body["errors"] = [problem.document() for problem in errors]
+        super().__init__(json.dumps(body), answer.status.value, dict(headers or {}), MEDIA_TYPE)
+
+
+def install_error_handlers(app: FastAPI, page: Callable[[ProblemResponse], Response]) -> None:
+    """Answer every error of `ANSWERED`, what the router refuses, and whatever else happens, as problem+json.
+
+    Args:
+        app: that answers.
+        page: returns the same for a person, whose browser asks for a page.
+    """
+
+    def readable(answered: Callable[[Request, Exception], ProblemResponse]) -> Callable[..., Response]:
+        def answer(request: Request, error: Exception) -> Response:
+            problem = answered(request, error)
+            return page(problem) if asks_for_a_page(request) else problem
+
+        return answer
+
     for kind in ANSWERED:
-        app.add_exception_handler(kind, _answer_known)
-    app.add_exception_handler(RequestValidationError, _answer_parameters)
-    app.add_exception_handler(HTTPException, _answer_router)
-    app.add_exception_handler(Exception, _answer_unknown)
+        app.add_exception_handler(kind, readable(_answer_known))
+    app.add_exception_handler(RequestValidationError, readable(_answer_parameters))
+    app.add_exception_handler(HTTPException, readable(_answer_router))
+    app.add_exception_handler(Exception, readable(_answer_unknown))
 
 
-def problem_response(
-    answer: ErrorKind, detail: str, errors: Sequence[Problem] = (), headers: Mapping[str, str] | None = None
-) -> Response:
-    """Return an error as RFC 9457 says."""
-    slug = answer.title.lower().replace(" ", "-")
-    body: dict[str, object] = {
-        "type": f"urn:liftwright:problem:{slug}",
-        "title": answer.title,
-        "status": answer.status.value,
-        "detail": detail,
-    }
-    if errors:
-        body["errors"] = [problem.document() for problem in errors]
-    return Response(json.dumps(body), answer.status.value, dict(headers or {}), MEDIA_TYPE)
+def asks_for_a_page(request: Request) -> bool:
+    """Whether it is a browser that goes to an address, for a person who reads what comes."""
+    return request.method in ("GET", "HEAD") and "text/html" in request.headers.get("accept", "")
 
 
-def _answer_known(_: Request, error: Exception) -> Response:
+def _answer_known(_: Request, error: Exception) -> ProblemResponse:
     return error_response(error)
 
 
-def _answer_parameters(request: Request, error: Exception) -> Response:
+def _answer_parameters(request: Request, error: Exception) -> ProblemResponse:
     """Name the parameters that there are to whoever gives another."""
     assert isinstance(error, RequestValidationError)
     problems = [
@@ -436,24 +464,24 @@ def _query_parameters(request: Request) -> list[str]:
     return [parameter["name"] for parameter in operation["parameters"] if parameter["in"] == "query"]
 
 
-def error_response(error: Exception) -> Response:
+def error_response(error: Exception) -> ProblemResponse:
     """Return the answer to an error of `ANSWERED`."""
     if isinstance(error, DATABASE_GONE):
         # What the database says is for the log: it holds statements and addresses.
         log.error("database cannot be used", error=said_by(error))
         detail = "the database is away, or its disk is full; what was accepted is kept, so ask again"
-        return problem_response(_answer_to(error), detail, headers={"Retry-After": "5"})
+        return ProblemResponse(_answer_to(error), detail, headers={"Retry-After": "5"})
     return _answered(error, _problems(error))
 
 
-def _answered(error: Exception, errors: Sequence[Problem]) -> Response:
+def _answered(error: Exception, errors: Sequence[Problem]) -> ProblemResponse:
     detail = str(error) if isinstance(error, LiftwrightError) else f"{len(errors)} members are not as they must be"
     if len(errors) == 1:
         detail = f"{errors[0].place or 'the body'}: {errors[0].detail}"
     elif isinstance(error, AssetError):
         detail = f"{len(errors)} things are not as they must be"
     headers = error.headers if isinstance(error, ServiceError) else None
-    return problem_response(_answer_to(error), detail, errors, headers)
+    return ProblemResponse(_answer_to(error), detail, errors, headers)
 
 
 def _answer_to(error: Exception) -> ErrorKind:
@@ -465,10 +493,10 @@ def _answer_to(error: Exception) -> ErrorKind:
 def _problems(error: Exception) -> list[Problem]:
     if isinstance(error, ValidationError | SceneError):
         return problems_of(error)
-    if isinstance(error, NotAStudy):
+    if isinstance(error, NotValid):
         return error.problems
     if isinstance(error, AssetError):
-        return [Problem(each.pointer, each.detail, file=each.file or None) for each in error.faults]
+        return [Problem(each.pointer, each.detail, each.allowed or None, each.file or None) for each in error.faults]
     if isinstance(error, RequestValidationError):
         return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):
@@ -482,13 +510,16 @@ def _problems(error: Exception) -> list[Problem]:
     return []
 
 
-def _answer_router(request: Request, error: Exception) -> Response:
+def _answer_router(request: Request, error: Exception) -> ProblemResponse:
     assert isinstance(error, HTTPException)
-    status = HTTPStatus(error.status_code)
+    status, detail = HTTPStatus(error.status_code), error.detail
     headers = dict(error.headers or {})
     if status is HTTPStatus.METHOD_NOT_ALLOWED:
         headers["Allow"] = ", ".join(_methods(request)) or headers["Allow"]
-    return problem_response(ErrorKind(status, status.phrase), str(error.detail), headers=headers)
+        detail = f"{request.method} cannot be asked here, but {headers['Allow']}"
+    elif status is HTTPStatus.NOT_FOUND and detail == status.phrase:
+        detail = "there is nothing at this address; /docs has all that there are, and /openapi.json for programs"
+    return ProblemResponse(ErrorKind(status, status.phrase), detail, headers=headers)
 
 
 def _methods(request: Request) -> list[str]:
@@ -500,7 +531,7 @@ def _methods(request: Request) -> list[str]:
     return sorted(allowed | {"HEAD"} if "GET" in allowed else allowed)
 
 
-def _answer_unknown(request: Request, error: Exception) -> Response:
+def _answer_unknown(request: Request, error: Exception) -> ProblemResponse:
     log.error("request failed", path=request.url.path, error=repr(error))
     answer = ErrorKind(HTTPStatus.INTERNAL_SERVER_ERROR, "Internal error")
-    return problem_response(answer, "the service met an error of its own; the log has it")
+    return ProblemResponse(answer, "the service met an error of its own; the log has it")

@@ -34,9 +34,12 @@ class AssetFault:
     """In which it is; empty: in none, or in that which is looked at."""
     pointer: str = ""
     """RFC 6901 path of the offending member of that file."""
+    allowed: tuple[str, ...] = ()
+    """The valid choices, where they can be listed."""
 
     def __str__(self) -> str:
-        return ": ".join(part for part in (self.file, self.pointer, self.detail) if part)
+        told = ": ".join(part for part in (self.file, self.pointer, self.detail) if part)
+        return f"{told} (one of: {', '.join(self.allowed)})" if self.allowed else told
 
 
 class AssetError(LiftwrightError):

@@ -215,7 +215,10 @@ class ServiceCells:
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise
-            told = (AssetFault(each.detail, each.file or "", each.pointer) for each in error.problems)
+            told = (
+                AssetFault(each.detail, each.file or "", each.pointer, tuple(each.allowed or ()))
+                for each in error.problems
+            )
             raise AssetError(*map(bundle.as_given, told)) from error
 
     def all(self) -> list[CellResource]:
@@ -261,4 +264,7 @@ def _note(*notes: Iterable[str]) -> None:
 
 
 def _refuse(error: AssetError, path: Path) -> int:
-    return refuse([Problem(each.pointer, each.detail, file=each.file or str(path)) for each in error.faults], str(path))
+    problems = [
+        Problem(each.pointer, each.detail, each.allowed or None, each.file or str(path)) for each in error.faults
+    ]
+    return refuse(problems, str(path))

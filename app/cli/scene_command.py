@@ -8,13 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from app.cli.output import BAD_INPUT, refuse, written_whole
 from app.cli.service_client import ServiceClient, ServiceRefused
 from planners.cell.cell import known_cells, load_cell
 from planners.contract.problems import problems_of
-from planners.contract.scan_spec import read_scan
+from planners.contract.scan_spec import NotAScan, read_scan
 from planners.contract.scene_document import ObjectPart, SceneDocument
 from planners.contract.strict_json import NotJson, parse_json
 from planners.errors import LiftwrightError, SceneError
@@ -49,8 +47,10 @@ def perceive_files(named: Sequence[str], service: str | None, out: Path | None, 
                 preview.write_bytes(picture)
             if file is not None:
                 file.write(document.model_dump_json())
-    except (ValidationError, SceneError) as error:
+    except SceneError as error:
         return refuse(problems_of(error), DESCRIPTION_FILE)
+    except NotAScan as error:
+        return refuse(error.problems, DESCRIPTION_FILE)
     except ServiceRefused as error:
         if not error.is_about_the_input:
             raise

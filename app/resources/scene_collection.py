@@ -50,7 +50,7 @@ class SceneCollection:
             see: perceives it; what it raises besides is not caught.
 
         Raises:
-            NotJson, pydantic.ValidationError, SceneError, ScanRefused: What is wrong with it.
+            NotJson, NotAScan, SceneError, ScanRefused: What is wrong with it.
         """
         scan = read_scan(parse_json(description))
         if scan.cell not in cells:

@@ -10,7 +10,8 @@ from pathlib import PurePath
 from fastapi import APIRouter, HTTPException
 from starlette.responses import HTMLResponse, Response
 
-from app.viewer.page import MEDIA_TYPES, static_text
+from app.errors import ProblemResponse
+from app.viewer.page import MEDIA_TYPES, problem_page, static_text
 
 POLICY = (
     "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
@@ -31,6 +32,13 @@ class PageResponse(HTMLResponse):
         super().init_headers({"Content-Security-Policy": POLICY, **(headers or {})})
 
 
+def problem_for_a_person(problem: ProblemResponse) -> Response:
+    """Return an error as a page; what its headers say is kept."""
+    kept = {name: value for name, value in problem.headers.items() if name not in ("content-type", "content-length")}
+    page = problem_page(problem.answer.title, problem.detail)
+    return PageResponse(page, problem.status_code, {**kept, "Vary": "Accept"})
+
+
 @router.get("/")
 def get_start() -> Response:
     """Return what a person finds who types the host's name."""
@@ -47,7 +55,7 @@ def get_reference() -> Response:
 def get_reference_file(name: str) -> Response:
     """Return a style or script of the reference."""
     if name not in SWAGGER_UI:
-        raise HTTPException(404, f"the reference has no file {name!r}")
+        raise HTTPException(404)
     headers = {"Cache-Control": "max-age=86400"}
     return Response(_swagger_ui(name), media_type=MEDIA_TYPES[PurePath(name).suffix], headers=headers)
 

@@ -153,7 +153,7 @@ def get_scene_page(key: str, servers: Annotated[SceneServers, Depends(_scene_ser
 def get_file(name: str) -> Response:
     """Return a style or script of the page."""
     if name not in LIVE_FILES:
-        raise HTTPException(404, f"the viewer has no file {name!r}")
+        raise HTTPException(404)
     return Response(static_text(name), media_type=MEDIA_TYPES[PurePath(name).suffix])
 
 

@@ -7,13 +7,15 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
+from app.errors import NotAWebhook
 from app.resources.queries import read_page_token, write_page_token
 from app.resources.schemas import PROBLEM, Resource, moment
 from app.routes.dependencies import Settings, Webhooks
 from app.uploads.body import read_body
+from planners.contract.problems import problems_of
 from planners.contract.strict_json import parse_json
 from workers.stores.webhook_store import Attempt, Delivery, Webhook
 from workers.webhooks.target import LONGEST_URL
@@ -124,7 +126,10 @@ PageSize = Annotated[int, Query(ge=1, le=200)]
 async def post_webhook(request: Request, response: Response, webhooks: Webhooks, settings: Settings) -> WebhookResource:
     """Register an address that is told when jobs end. Keep the secret: it is told once."""
     body = await read_body(request, settings.max_body_bytes, settings)
-    spec = WebhookSpec.model_validate(parse_json(body))
+    try:
+        spec = WebhookSpec.model_validate(parse_json(body))
+    except ValidationError as error:
+        raise NotAWebhook(problems_of(error, WebhookSpec)) from error
     resource = _resource(
         await run_in_threadpool(webhooks.register, spec.url, spec.plans, certified=spec.certified), tell=True
     )

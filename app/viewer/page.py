@@ -39,6 +39,7 @@ RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
 STYLES_MARK, SCRIPTS_MARK = "<!-- styles -->", "<!-- scripts -->"
 NEXT_MARK, REFUSAL_MARK = "<!-- next -->", "<!-- refusal -->"
+TITLE_MARK, DETAIL_MARK = "<!-- title -->", "<!-- detail -->"
 BY_KIND: Mapping[str, type[KindDescription]] = {"plate_lift": LiftDescription, "suction_tool": ToolDescription}
 
 
@@ -77,6 +78,12 @@ def login_page(wanted: str, refusal: str = "") -> str:
     """Return the page that asks for a key, and then goes to `wanted`."""
     page = static_text("login.html")
     return page.replace(NEXT_MARK, escape(wanted)).replace(REFUSAL_MARK, escape(refusal))
+
+
+def problem_page(title: str, detail: str) -> str:
+    """Return the page that tells a person what is wrong, and where to go from there."""
+    page = static_text("problem.html")
+    return page.replace(TITLE_MARK, escape(title)).replace(DETAIL_MARK, escape(detail))
 
 
 def describe_plan(plan: Plan, executed: ExecutedMotion | None = None) -> PlanDescription:

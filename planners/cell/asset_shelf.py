@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from scipy.spatial import ConvexHull, QhullError
 
@@ -317,12 +317,12 @@ def validated(model: type[_File], data: Mapping[str, Any], called: str) -> _File
         # Validated as JSON: there, and only there, does strict mode accept arrays for tuples.
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        raise AssetError(*faults_of(error, called)) from error
+        raise AssetError(*faults_of(error, model, called)) from error
 
 
-def faults_of(error: ValidationError, called: str = "") -> tuple[AssetFault, ...]:
+def faults_of(error: ValidationError, model: type[BaseModel], called: str = "") -> tuple[AssetFault, ...]:
     """Return everything that a file's model refuses, as faults of the file that messages call so."""
-    return tuple(_fault(each, called) for each in error.errors(include_url=False))
+    return tuple(_fault(each, model, called) for each in error.errors(include_url=False))
 
 
 def _mapping_at(path: Path) -> dict[str, Any]:
@@ -341,7 +341,7 @@ def _read(model: type[_File], path: Path) -> _File:
     return file
 
 
-def _fault(fault: ErrorDetails, file: str) -> AssetFault:
+def _fault(fault: ErrorDetails, model: type[BaseModel], file: str) -> AssetFault:
     """Return one of pydantic's faults. Steps in brackets are its own: a key of a mapping, a kind among several."""
     pointer = json_pointer(step for step in fault["loc"] if not str(step).startswith("["))
     kind, context = fault["type"], fault.get("ctx", {})
@@ -351,4 +351,5 @@ def _fault(fault: ErrorDetails, file: str) -> AssetFault:
         most = context.get("max_length")
         detail = f"at least {context.get('min_length')} are needed" if most is None else f"at most {most} are taken"
         return AssetFault(detail, file, pointer)
-    return AssetFault(problem_of(fault).detail.removeprefix("Value error, "), file, pointer)
+    problem = problem_of(fault, model)
+    return AssetFault(problem.detail.removeprefix("Value error, "), file, pointer, tuple(problem.allowed or ()))

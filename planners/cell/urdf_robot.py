@@ -173,7 +173,7 @@ def _told_of(what: str) -> Iterator[None]:
     try:
         yield
     except ValidationError as error:
-        told = ((fault.pointer.strip("/"), fault.detail) for fault in faults_of(error))
+        told = ((fault.pointer.strip("/"), fault.detail) for fault in faults_of(error, RobotFile))
         raise AssetError(*(": ".join(part for part in (what, *each) if part) for each in told)) from error
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from planners.contract.task_spec import KINDS, UNION_TAGS, task_schema
-from planners.errors import SceneError
+from planners.errors import LiftwrightError, SceneError
 
 MAX_PROBLEMS = 100
 """More are counted, not listed."""
@@ -20,6 +20,8 @@ LONGEST_KEY = 200
 """An unknown member with a longer name is pointed at by its object."""
 
 Location = Sequence[str | int]
+Schema = Mapping[str, Any]
+"""A JSON schema (2020-12), or a part of one."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,21 @@ class Problem:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
-def problems_of(error: ValidationError | SceneError) -> list[Problem]:
-    """Return everything `error` knows about the body, in the order of the body."""
+class NotValid(LiftwrightError):
+    """What was given is not what it must be; `problems` says why, with pointers into it."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        self.problems = problems
+        super().__init__("; ".join(f"{each.pointer or '/'}: {each.detail}" for each in problems))
+
+
+def problems_of(error: ValidationError | SceneError, model: type[BaseModel] | None = None) -> list[Problem]:
+    """Return everything `error` knows about the body, in the order of the body.
+
+    Args:
+        error: of whoever read it.
+        model: what the body was to be; None: a task.
+    """
     if isinstance(error, SceneError):
         return _at_most(
             [Problem(pointer, each.detail, each.allowed) for each in error.all for pointer in each.pointers]
@@ -56,7 +71,7 @@ def problems_of(error: ValidationError | SceneError) -> list[Problem]:
         for fault in error.errors(include_url=False, include_input=False)
         if fault["type"] != "default_factory_not_called"
     ]
-    return _at_most([problem_of(fault) for fault in faults])
+    return _at_most([problem_of(fault, model) for fault in faults])
 
 
 def _at_most(problems: list[Problem]) -> list[Problem]:
@@ -95,8 +110,8 @@ def json_pointer(path: Iterable[str | int]) -> str:
     return "".join("/" + str(step).replace("~", "~0").replace("/", "~1") for step in path)
 
 
-def problem_of(fault: ErrorDetails) -> Problem:
-    """Return one of pydantic's faults as it is told."""
+def problem_of(fault: ErrorDetails, model: type[BaseModel] | None = None) -> Problem:
+    """Return one of pydantic's faults as it is told; arguments as of `problems_of`."""
     kind, context = fault["type"], fault.get("ctx", {})
     path = _body_path(fault["loc"], keep_last=kind == "extra_forbidden")
     if kind == "extra_forbidden" and len(str(path[-1])) > LONGEST_KEY:
@@ -104,18 +119,18 @@ def problem_of(fault: ErrorDetails) -> Problem:
         return Problem(json_pointer(path[:-1]), detail)
     if kind in ("union_tag_invalid", "union_tag_not_found"):
         path = [*path, _quoted(context["discriminator"])[0]]
-    return Problem(json_pointer(path), _detail(fault, path), _choices(fault, path))
+    return Problem(json_pointer(path), _detail(fault, path), _choices(fault, path, model))
 
 
-def _choices(fault: ErrorDetails, path: Sequence[str | int]) -> list[str] | None:
+def _choices(fault: ErrorDetails, path: Sequence[str | int], model: type[BaseModel] | None) -> list[str] | None:
     """Return what could stand at a path in place of what is wrong there, where that can be listed."""
     kind, context, location = fault["type"], fault.get("ctx", {}), fault["loc"]
     expected = context.get("expected_tags") or (context.get("expected") if kind == "literal_error" else None)
     if expected:
         return _quoted(expected)
-    if kind == "extra_forbidden" and location[0] in KINDS and (known := _known_members(location[:-1])):
+    if kind == "extra_forbidden" and (model is not None or location[0] in KINDS):
         # A member that is known only beside others is none of the choices.
-        return [name for name in known if name != path[-1]]
+        return [name for name in _known_members(location[:-1], _schema(model)) if name != path[-1]] or None
     return list(KINDS) if path == ["kind"] else None
 
 
@@ -177,47 +192,49 @@ _TAGGED = ("kind", "type")
 """Members whose constants tell the branches of unions apart."""
 
 
-def _known_members(location: Sequence[str | int]) -> list[str]:
-    """Return the names of the members of an object, as the schema lists them; none where the schema knows no object.
+def _known_members(location: Location, schema: Schema) -> list[str]:
+    """Return the names of the members of an object, as a schema lists them; none where the schema knows no object.
 
     Args:
         location: of the object in a body, with the names of union branches as pydantic puts them in.
+        schema: of the body.
     """
-    objects = list(_branches(_schema()))
+    definitions = schema.get("$defs", {})
+    objects = list(_branches(schema, definitions))
     for step in location:
-        if step in UNION_TAGS and not any(step in each.get("properties", {}) for each in objects):
-            objects = [each for each in objects if _tag(each) == step] or objects
-        else:
-            objects = [branch for each in objects for below in _below(each, step) for branch in _branches(below)]
+        below = (member for each in objects for member in _below(each, step))
+        inside = [branch for each in below for branch in _branches(each, definitions)]
+        branches = objects if isinstance(step, str) else []
+        objects = inside or [each for each in branches if _tag(each) == step] or branches
     return list(dict.fromkeys(name for each in objects for name in each.get("properties", {})))
 
 
 @cache
-def _schema() -> dict[str, Any]:
-    return task_schema()
+def _schema(model: type[BaseModel] | None) -> Schema:
+    return task_schema() if model is None else model.model_json_schema()
 
 
-def _branches(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def _branches(schema: Schema, definitions: Schema) -> Iterator[Schema]:
     """Yield a schema, or the branches of one that has several, without references."""
     if "$ref" in schema:
-        yield from _branches(_schema()["$defs"][schema["$ref"].rsplit("/", 1)[-1]])
+        yield from _branches(definitions[schema["$ref"].rsplit("/", 1)[-1]], definitions)
     elif several := schema.get("oneOf") or schema.get("anyOf"):
         for branch in several:
-            yield from _branches(branch)
+            yield from _branches(branch, definitions)
     else:
         yield schema
 
 
-def _below(schema: dict[str, Any], step: str | int) -> Iterator[dict[str, Any]]:
+def _below(schema: Schema, step: str | int) -> Iterator[Schema]:
     if isinstance(step, str):
-        below = schema.get("properties", {}).get(step)
+        below = schema.get("properties", {}).get(step, schema.get("additionalProperties"))
     else:
         below = schema.get("items")
-    if below is not None:
+    if isinstance(below, Mapping):
         yield below
 
 
-def _tag(schema: dict[str, Any]) -> str | None:
+def _tag(schema: Schema) -> str | None:
     """Return the constant by which a branch is told from the others."""
     properties = schema.get("properties", {})
     return next((properties[name].get("const") for name in _TAGGED if name in properties), None)

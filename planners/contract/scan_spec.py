@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from planners.contract.problems import NotValid, problems_of
 from planners.contract.quantities import Counted, Length, Name, Pose
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_spec import ToolName
@@ -89,6 +90,10 @@ class MarkersSpec(StrictModel):
         return self
 
 
+class NotAScan(NotValid):
+    """A description is that of no scan."""
+
+
 class ScanSpec(StrictModel):
     """The part `scan`: what the other parts of the form are. At least one of them is given."""
 
@@ -118,9 +123,12 @@ def read_scan(body: object) -> ScanSpec:
     """Validate a parsed JSON body.
 
     Raises:
-        pydantic.ValidationError: `planners.contract.problems.problems_of` turns it into what the caller is told.
+        NotAScan: It has other members, or values that they may not have.
     """
-    return _ADAPTER.validate_python(body)
+    try:
+        return _ADAPTER.validate_python(body)
+    except ValidationError as error:
+        raise NotAScan(problems_of(error, ScanSpec)) from error
 
 
 def scan_schema() -> dict[str, object]:

@@ -11,19 +11,15 @@ from typing import Any
 
 from pydantic import JsonValue, ValidationError
 
-from planners.contract.problems import Problem, problems_of
+from planners.contract.problems import NotValid, Problem, problems_of
 from planners.contract.study_spec import StudyAxis, StudySpec
 from planners.contract.task_change import CannotBeChanged, PatchOperation, changed
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import LiftwrightError, SceneError
 
 
-class NotAStudy(LiftwrightError):
-    """A study cannot be begun; `problems` says why, with pointers into it."""
-
-    def __init__(self, problems: list[Problem]) -> None:
-        self.problems = problems
-        super().__init__("; ".join(f"{each.pointer or '/'}: {each.detail}" for each in problems))
+class NotAStudy(NotValid):
+    """A study cannot be begun."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +45,7 @@ class Study:
         try:
             spec = StudySpec.model_validate(body)
         except ValidationError as error:
-            raise NotAStudy(problems_of(error)) from error
+            raise NotAStudy(problems_of(error, StudySpec)) from error
         count = math.prod(len(axis.places) for axis in spec.axes)
         if most is not None and count > most:
             detail = f"the axes make {count} points; 1 to {most} are allowed, so take fewer values"

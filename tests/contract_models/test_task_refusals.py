@@ -8,7 +8,10 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
-from planners.contract.problems import MAX_PROBLEMS, Problem, doubts_of, problems_of
+from planners.cell.asset_files import CellFile, GripperFile, MountFile, RobotFile, ToolFile
+from planners.contract.problems import MAX_PROBLEMS, Problem, doubts_of, json_pointer, problems_of
+from planners.contract.scan_spec import ScanSpec
+from planners.contract.study_spec import StudySpec
 from planners.contract.task_spec import UNION_TAGS, read_task, task_schema
 
 ROOT = Path(__file__).parents[2]
@@ -74,6 +77,61 @@ def test_an_unknown_member_comes_with_those_that_are_known_there(place):
     assert set(given) <= set(problem.allowed)
     for name in problem.allowed:
         assert f"{place}/{name}" not in refused_as_unknown(changed({f"{place}/{name}": None}))
+
+
+STUDY = {"task": {}, "axes": [{"pointer": "/cup/position/0", "values": [0.0]}], "points": None}
+SHIPPED_FILES = {
+    CellFile: ROOT / "assets/cells/dual_ur3e_lift.yaml",
+    RobotFile: ROOT / "assets/robots/ur5e.yaml",
+    MountFile: ROOT / "assets/mounts/dual_column.yaml",
+    GripperFile: ROOT / "assets/hands/robotiq_2f85_ft300.yaml",
+    ToolFile: ROOT / "assets/tools/short_asymmetric.yaml",
+    ScanSpec: ROOT / "assets/scans/tissue_boxes/scan.json",
+    StudySpec: None,
+}
+
+
+def objects_in(value, path=()):
+    """Yield the path of each object."""
+    if isinstance(value, dict):
+        yield path
+        for key, inner in value.items():
+            yield from objects_in(inner, (*path, key))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from objects_in(inner, (*path, index))
+
+
+def object_at(value, path):
+    for step in path:
+        value = value[step]
+    return value
+
+
+def unknown_with(model, given, path, name):
+    """Return what is said of a member that is put into one of a body's objects; None: it is known there."""
+    body = copy.deepcopy(given)
+    object_at(body, path)[name] = "?"
+    try:
+        model.model_validate_json(json.dumps(body))
+    except ValidationError as error:
+        pointer = json_pointer((*path, name))
+        found = (each for each in problems_of(error, model) if each.detail == "is not known here")
+        return next((each for each in found if each.pointer == pointer), None)
+    return None
+
+
+@pytest.mark.parametrize(("model", "file"), SHIPPED_FILES.items(), ids=lambda each: getattr(each, "__name__", ""))
+def test_unknown_members_of_cells_scans_and_studies_come_with_those_that_are_known_there(model, file):
+    given = STUDY if file is None else yaml.load(file.read_text(), yaml.CSafeLoader)
+    told = {path: unknown_with(model, given, path, "flavour") for path in objects_in(given)}
+    listed = {path: problem.allowed for path, problem in told.items() if problem is not None and problem.allowed}
+    assert () in listed
+    assert max(map(len, listed)) > 0, "also within"
+    for path, allowed in listed.items():
+        members = object_at(given, path)
+        assert {name for name in members if unknown_with(model, given, path, name) is None} <= set(allowed)
+        assert [name for name in allowed if name not in members and unknown_with(model, given, path, name)] == []
 
 
 @pytest.mark.parametrize("body", [None, 3, "plate", [], [AB1], True])

@@ -17,6 +17,7 @@ from geometry.mesh_shapes import angle, file_of
 import app.uploads.uploads
 from app.errors import install_error_handlers
 from app.routes import dependencies, meshes, scenes
+from app.routes.pages import problem_for_a_person
 from app.settings import ServiceSettings
 from app.uploads.form import FormPart, form_parts
 from app.uploads.uploads import UploadLimits
@@ -72,7 +73,7 @@ def service(store: SlowStore) -> FastAPI:
     for part in (dependencies.Scenes, dependencies.Cells):
         asgi.dependency_overrides[get_args(part)[1].dependency] = lambda: None
     asgi.state.mesh_limits = asgi.state.scan_limits = UploadLimits(HELD, WORKED)
-    install_error_handlers(asgi)
+    install_error_handlers(asgi, problem_for_a_person)
     asgi.include_router(meshes.router)
     asgi.include_router(scenes.router)
     return asgi

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -43,6 +45,26 @@ def test_view_leads_to_the_viewer_with_the_plan(client: httpx.Client) -> None:
 def test_an_unknown_plan_has_neither_view_nor_recording(client: httpx.Client, link: str) -> None:
     answer = client.get(f"/v1/plans/{'0' * 32}/{link}")
     assert answer.status_code == 404
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+@pytest.mark.parametrize(
+    "address", ["/viewer/nothing", "/nothing", f"/v1/plans/{'0' * 32}/view", "/v1/plans?colour=red"]
+)
+def test_what_is_refused_is_a_page_for_a_person_and_a_problem_for_a_program(client: httpx.Client, address: str) -> None:
+    problem = client.get(address)
+    page = client.get(address, headers={"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"})
+    assert problem.headers["content-type"] == "application/problem+json"
+    assert page.headers["content-type"].startswith("text/html")
+    assert page.status_code == problem.status_code >= 400
+    assert html.escape(problem.json()["detail"]) in page.text
+    ways = re.findall(r'<a href="([^"]+)"', page.text)
+    assert ways
+    assert {client.get(way, follow_redirects=True).status_code for way in ways} == {200}
+
+
+def test_what_is_posted_by_a_browser_too_is_refused_as_to_a_program(client: httpx.Client) -> None:
+    answer = client.post("/v1/plans", json={}, headers={"Accept": "text/html"})
     assert answer.headers["content-type"] == "application/problem+json"
 
 
