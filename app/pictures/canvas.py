@@ -24,8 +24,13 @@ def viridis(share: float) -> BlueGreenRed:
 
 def write(image: Picture, text: str, x: int, y: int, colour: BlueGreenRed, size: float = 0.42) -> None:
     """Write text about a point."""
+    write_left(image, text, x - written_width(text, size) // 2, y, colour, size)
+
+
+def written_width(text: str, size: float = 0.42) -> int:
+    """Return how wide a text is [px]."""
     (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
-    write_left(image, text, x - width // 2, y, colour, size)
+    return width
 
 
 def write_left(image: Picture, text: str, x: int, y: int, colour: BlueGreenRed = INK, size: float = 0.42) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import cv2
 import numpy as np
 
-from app.pictures.canvas import INK, BlueGreenRed, viridis, write, write_left
+from app.pictures.canvas import INK, BlueGreenRed, viridis, write, write_left, written_width
 from planners.geometry.pose import Array
 from planners.perception.preview import Picture
 from planners.survey.reach_map import ReachMap
@@ -15,7 +15,8 @@ from planners.survey.survey import CellSurvey
 
 SIDE = 420
 """Of the longer side of a map [px]."""
-MARGIN, TOP, BETWEEN, BELOW = 46, 64, 150, 40
+MARGIN, TOP, BESIDE, BELOW = 46, 64, 150, 56
+"""Left and right of maps and text; above the first map; for a legend; below each map [px]."""
 LINE = 20
 """Between two lines of text [px]."""
 LEFT: BlueGreenRed = (178, 114, 0)
@@ -42,18 +43,20 @@ def draw_survey(survey: CellSurvey) -> bytes:
     scale = SIDE / max(size[0], size[1])
     width, height = round(scale * size[1]), round(scale * size[0])
     sentences = survey.figures().sentences
-    image = np.full(
-        (TOP + height + BELOW + LINE * (len(sentences) + 1), MARGIN + len(maps) * (width + BETWEEN), 3), 255, np.uint8
-    )
+    # One below the other: beside each other they would be too small to read on a page, and on a telephone.
+    text_width = max(map(written_width, sentences))
+    text_top = TOP + len(maps) * (height + BELOW)
+    sides = text_top + LINE * (len(sentences) + 1), MARGIN + max(width + BESIDE, text_width + MARGIN)
+    image = np.full((*sides, 3), 255, np.uint8)
     write_left(image, f"{survey.cell.name}: its table from above, the robot below", MARGIN, 26, INK, 0.55)
     for index, (title, colour, legend) in enumerate(maps):
-        left = MARGIN + index * (width + BETWEEN)
-        write_left(image, title, left, TOP - 10)
-        _draw_map(image, reach, colour, (left, TOP, width, height))
-        _draw_legend(image, legend, left + width + 12, TOP + 4)
-        _label(image, reach, (left, TOP, width, height))
+        top = TOP + index * (height + BELOW)
+        write_left(image, title, MARGIN, top - 10)
+        _draw_map(image, reach, colour, (MARGIN, top, width, height))
+        _draw_legend(image, legend, MARGIN + width + 12, top + 4)
+        _label(image, reach, (MARGIN, top, width, height))
     for index, sentence in enumerate(sentences):
-        write_left(image, sentence.replace("×", "x"), MARGIN, TOP + height + BELOW + LINE * (index + 1))
+        write_left(image, sentence.replace("×", "x"), MARGIN, text_top + LINE * index)
     done, encoded = cv2.imencode(".png", image)
     assert done
     return encoded.tobytes()
@@ -116,7 +119,12 @@ def _draw_legend(image: Picture, legend: Sequence[tuple[BlueGreenRed, str]], x: 
 def _label(image: Picture, reach: ReachMap, frame: tuple[int, int, int, int]) -> None:
     left, top, width, height = frame
     half_x, half_y = 0.5 * (reach.x[1] - reach.x[0]), 0.5 * (reach.y[1] - reach.y[0])
-    write_left(image, f"x {reach.x[-1] + half_x:.2f}", left - 42, top + 10, INK, 0.34)
-    write_left(image, f"x {reach.x[0] - half_x:.2f}", left - 42, top + height, INK, 0.34)
-    write(image, f"y {reach.y[-1] + half_y:.2f}", left + 14, top + height + 16, INK, 0.34)
-    write(image, f"y {reach.y[0] - half_y:.2f}", left + width - 14, top + height + 16, INK, 0.34)
+    write_left(image, f"x {_metres(reach.x[-1] + half_x)}", left - 42, top + 10, INK, 0.34)
+    write_left(image, f"x {_metres(reach.x[0] - half_x)}", left - 42, top + height, INK, 0.34)
+    write(image, f"y {_metres(reach.y[-1] + half_y)}", left + 14, top + height + 16, INK, 0.34)
+    write(image, f"y {_metres(reach.y[0] - half_y)}", left + width - 14, top + height + 16, INK, 0.34)
+
+
+def _metres(length: float) -> str:
+    """Return a length to the centimetre; what is next to nothing has no sign."""
+    return f"{round(length, 2) + 0.0:.2f}"

@@ -1,4 +1,4 @@
-"""Bad bodies: each gets a clear 4xx in under a second, and the service goes on."""
+"""Bad bodies: each gets a clear 4xx soon, and the service goes on."""
 
 from __future__ import annotations
 
