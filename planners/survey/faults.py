@@ -49,11 +49,7 @@ def load_checked(bundle: CellBundle, folder: Path) -> Cell:
     parts = bundle.read_parts(folder, faults)
     _check_parts(parts, found)
     faults.take(map(bundle.as_given, found.found))
-    faults.raise_any()
-    cell = parts.assembled
-    # What is missing is told.
-    assert cell is not None
-    return cell
+    return parts.whole(faults)
 
 
 def check_cell(cell: Cell) -> None:
