@@ -19,7 +19,7 @@ Holder = TypeVar("Holder", bound=Hashable)
 
 @contextmanager
 def counted(counts: Counter[Holder], holder: Holder, *, admitted: bool) -> Iterator[bool]:
-    """Count a holder for the time of a block if it is admitted, and give that back; what is not there is not kept as 0."""
+    """Count a holder for the time of a block if it is admitted; who is not counted any more is not kept."""
     counts[holder] += admitted
     try:
         yield admitted
