@@ -201,6 +201,7 @@ def _figures_by_contact(search: LiftSearch) -> dict[str, dict[str, int]]:
     number_of_node = number_of_pose[graph.node_pose]
 
     def counts(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+        """How often (contacts,) each contact is among numbers (n,)."""
         return np.bincount(numbers, minlength=len(contacts))
 
     columns = {
