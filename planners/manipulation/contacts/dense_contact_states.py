@@ -133,7 +133,7 @@ class RestingPlate:
     """A plate that lies flat: what its poses are measured from.
 
     Raises:
-        LiftwrightError: if the pose is not flat within 1e-9 rad (`rest_pose` makes it so).
+        LiftwrightError: if the pose is not flat within 1e-9 rad (`settled` makes it so).
     """
 
     shape: ConvexPrism
@@ -145,7 +145,7 @@ class RestingPlate:
     def __post_init__(self) -> None:
         tilted = np.abs(self.T_world_plate[:3, 2] - [0.0, 0.0, 1.0])
         if np.max(tilted) > _FLAT:
-            raise LiftwrightError("the plate at rest is not flat; take its pose from `rest_pose`")
+            raise LiftwrightError("the plate at rest is not flat; take its pose from `settled`")
 
     @property
     def support_height(self) -> float:
@@ -292,7 +292,7 @@ class DenseContactStateGraph:
         Args:
             shape: the plate.
             com: (3,) centre of mass in the plate's frame [m].
-            T_world_plate: the pose at rest, exactly flat (see `rest_pose`).
+            T_world_plate: the pose at rest, exactly flat (see `settled`).
             sampling: densities and thresholds.
 
         Raises:
