@@ -10,14 +10,18 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from errno import EADDRINUSE
+from fcntl import LOCK_EX, LOCK_NB, flock
 from functools import partial
 from html import escape
 from http import HTTPStatus
 from importlib import resources
-from tempfile import TemporaryDirectory
+from pathlib import Path
+from shutil import rmtree
+from tempfile import TemporaryDirectory, gettempdir
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +55,9 @@ PROCESS_LOOK_SECONDS = 0.5
 """How often it is looked whether a further process has ended [s]."""
 SHARED_COUNTS = "PROMETHEUS_MULTIPROC_DIR"
 """As in `app.metrics`, which is loaded after it is set."""
+COUNTS_PREFIX = "liftwright-metrics-"
+COUNTS_SETTLED_SECONDS = 60.0
+"""A folder of counts in which nothing was made for so long is locked, or its process has ended [s]."""
 TRY_AGAIN_LATER = 1013
 """Close code of RFC 6455's registry."""
 
@@ -164,7 +171,7 @@ def _further_processes(
     told = {"settings": settings.model_dump(mode="json"), "ask_for_keys": ask_for_keys}
     with ExitStack() as stack:
         if settings.api_processes > 1:
-            os.environ[SHARED_COUNTS] = stack.enter_context(TemporaryDirectory(prefix="liftwright-metrics-"))
+            os.environ[SHARED_COUNTS] = stack.enter_context(folder_of_counts())
         keepers = [
             threading.Thread(target=_keep_process, args=(told, sockets, ending), name=f"API process {n}", daemon=True)
             for n in range(1, settings.api_processes)
@@ -177,6 +184,34 @@ def _further_processes(
             ending.set()
             for keeper in keepers:
                 keeper.join(2 * LONGEST_GOODBYE_SECONDS)
+
+
+@contextmanager
+def folder_of_counts() -> Iterator[str]:
+    """Give a folder for the time of a block, and remove what killed processes have left of theirs."""
+    for left in Path(gettempdir()).glob(f"{COUNTS_PREFIX}*"):
+        # One that was just made is locked at once; others' cannot be opened.
+        with suppress(OSError):
+            if left.stat().st_mtime < time.time() - COUNTS_SETTLED_SECONDS:
+                with _locked(left):
+                    rmtree(left)
+    with TemporaryDirectory(prefix=COUNTS_PREFIX) as folder, _locked(Path(folder)):
+        yield folder
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Have a folder alone until the end of a block, or of this process, however it ends.
+
+    Raises:
+        BlockingIOError: Another process has it.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        flock(descriptor, LOCK_EX | LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def _keep_process(told: Mapping[str, Any], sockets: Sequence[socket.socket], ending: threading.Event) -> None:

@@ -151,7 +151,7 @@ class LocalCells:
         """
         with _said_plainly():
             stored, _ = self._cells.add(bundle)
-        return CellResource.of(stored, self._cells.figures(stored), self._cells.notes(stored))
+        return CellResource.of(stored, self._cells.findings(stored))
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""

@@ -163,12 +163,12 @@ class JobWithoutDocument(LiftwrightError):
 class ServiceClient:
     """Talks to the service at one address."""
 
-    def __init__(self, address: str, key: str | None = None) -> None:
-        """Take an address, "http://127.0.0.1:8040", and a key; by default that of `KEY_VARIABLE`."""
+    def __init__(self, address: str) -> None:
+        """Take an address, "http://127.0.0.1:8040"; the key is that of `KEY_VARIABLE`, if there is one."""
         if urlsplit(address).scheme not in ("http", "https"):
             raise ServiceAway(address, "an address begins with http:// or https://")
         self.address = address.rstrip("/")
-        self._key = key or os.environ.get(KEY_VARIABLE)
+        self._key = os.environ.get(KEY_VARIABLE)
 
     def plan(self, path: str) -> Plan:
         """Return the plan whose document is at a path.

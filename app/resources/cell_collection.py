@@ -13,7 +13,7 @@ from planners.cell.cell import Cell
 from planners.survey.cell_limits import CellLimits
 from planners.survey.faults import doubts_about, load_checked, surveyed
 from planners.survey.survey import CellSurvey, SurveyFigures
-from workers.stores.cell_store import CellStore, StoredCell
+from workers.stores.cell_store import CellFindings, CellStore, StoredCell
 
 LookAtCell = Callable[[Cell], CellSurvey]
 
@@ -101,13 +101,9 @@ class CellCollection(VersionedCells):
             raise CellNotFound(cell_id)
         return stored
 
-    def figures(self, stored: StoredCell) -> SurveyFigures | None:
-        """Return what a cell can do, as it was found when it was posted; None: it is gone by now."""
-        return self._store.figures(stored.id)
-
-    def notes(self, stored: StoredCell) -> tuple[str, ...]:
-        """Return what was noted of a cell when it was posted."""
-        return self._store.notes(stored.id)
+    def findings(self, stored: StoredCell) -> CellFindings | None:
+        """Return what was found in a cell when it was posted; None: it is gone by now."""
+        return self._store.findings(stored.id)
 
     def limits(self) -> dict[str, CellLimits]:
         """Return what tasks must keep within, by name of the cell; one that cannot be loaded any more is left out."""
@@ -125,8 +121,7 @@ class CellCollection(VersionedCells):
             CellIsShipped: It is called as a shipped one is.
             AssetError: Something is wrong with it; it lists everything that is.
         """
-        figures, limits, notes = self._examined(bundle)
-        return self._store.add(bundle, figures, limits, self._caller.owner, notes)
+        return self._store.add(bundle, self._examined(bundle), self._caller.owner)
 
     def examine(self, bundle: CellBundle) -> SurveyFigures:
         """Return what a cell can do, without keeping it.
@@ -135,7 +130,7 @@ class CellCollection(VersionedCells):
             CellIsShipped: It is called as a shipped one is.
             AssetError: Something is wrong with it; it lists everything that is.
         """
-        return self._examined(bundle)[0]
+        return self._examined(bundle)
 
     def survey(self, name: str, look: LookAtCell) -> CellSurvey:
         """Return what was found in a cell, looked at as `look_at` does, if it was not before.
@@ -170,12 +165,12 @@ class CellCollection(VersionedCells):
         """
         self._store.delete(self.stored(cell_id).id)
 
-    def _examined(self, bundle: CellBundle) -> tuple[SurveyFigures, CellLimits, list[str]]:
+    def _examined(self, bundle: CellBundle) -> CellFindings:
         if bundle.name in self.shipped:
             raise CellIsShipped(bundle.name)
         with self._store.passing(bundle, load_checked) as cell:
             notes = [*bundle.notes, *doubts_about(cell)]
-            return surveyed(cell, bundle).figures(), CellLimits.of(cell), notes
+            return CellFindings.of(surveyed(cell, bundle).figures(), notes, CellLimits.of(cell))
 
     def _find(self, name: str) -> StoredCell | None:
         stored = self._store.get(name)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Hashable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import TypeVar
 
 from starlette.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
@@ -12,6 +13,20 @@ from starlette.types import Receive, Scope, Send
 from app.access.caller import Caller
 from app.errors import TooManyFollowers
 from app.resources.plan_feed import PlanFeed, wait_for_end
+
+Holder = TypeVar("Holder", bound=Hashable)
+
+
+@contextmanager
+def counted(counts: Counter[Holder], holder: Holder, *, admitted: bool) -> Iterator[bool]:
+    """Count a holder for the time of a block if it is admitted; who is not counted any more is not kept."""
+    counts[holder] += admitted
+    try:
+        yield admitted
+    finally:
+        counts[holder] -= admitted
+        if not counts[holder]:
+            del counts[holder]
 
 
 class Followers:
@@ -22,19 +37,12 @@ class Followers:
         self.most, self.most_of_owner = most, most_of_owner
         self._following = Counter[str | None]()
 
-    @contextmanager
-    def place(self, caller: Caller) -> Iterator[bool]:
+    def place(self, caller: Caller) -> AbstractContextManager[bool]:
         """Give a caller a place for the time of a block, in which it is true unless there was none."""
         owner = caller.owner
         of_owner = self.most if owner is None else self.most_of_owner
         admitted = self._following.total() < self.most and self._following[owner] < of_owner
-        self._following[owner] += admitted
-        try:
-            yield admitted
-        finally:
-            self._following[owner] -= admitted
-            if not self._following[owner]:
-                del self._following[owner]
+        return counted(self._following, owner, admitted=admitted)
 
     async def wait_for_end(self, caller: Caller, feed: PlanFeed, followed_id: str, seconds: float) -> None:
         """Wait until a job or study has ended, so long at most [s].

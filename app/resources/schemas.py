@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any, Literal, Self
 
@@ -14,7 +13,7 @@ from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_model import DescribedModel
 from planners.plan.plan import Outcome
 from planners.survey.survey import SurveyFigures
-from workers.stores.cell_store import StoredCell
+from workers.stores.cell_store import CellFindings, StoredCell
 from workers.stores.jobs import Job, JobState
 from workers.stores.plan_store import PlanRecord
 from workers.stores.scene_store import StoredScene
@@ -94,7 +93,7 @@ class CellResource(Resource):
     links: CellLinks
 
     @classmethod
-    def of(cls, stored: StoredCell, figures: SurveyFigures | None = None, notes: Iterable[str] | None = None) -> Self:
+    def of(cls, stored: StoredCell, findings: CellFindings | None = None) -> Self:
         """Return a cell of one's own."""
         return cls(
             id=stored.id,
@@ -102,8 +101,8 @@ class CellResource(Resource):
             version=stored.version,
             created_at=moment(stored.created_us),
             hash=stored.hash,
-            figures=figures,
-            notes=None if notes is None else list(notes),
+            figures=findings,
+            notes=None if findings is None else list(findings.notes),
             links=_cell_links(stored.id, shipped=False),
         )
 

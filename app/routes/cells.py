@@ -65,7 +65,7 @@ async def post_cell(
 
     def add(content: bytes, suffix: str) -> tuple[CellResource, bool]:
         stored, is_new = cells.add(_bundle(content, suffix))
-        return CellResource.of(stored, cells.figures(stored), cells.notes(stored)), is_new
+        return CellResource.of(stored, cells.findings(stored)), is_new
 
     async with limits.held:
         resource, is_new = await to_thread.run_sync(
@@ -99,7 +99,7 @@ def get_cell(cell_id: str, cells: Cells) -> CellResource:
     if cell_id in cells.shipped:
         return CellResource.of_shipped(cells.shipped[cell_id])
     stored = cells.stored(cell_id)
-    return CellResource.of(stored, cells.figures(stored), cells.notes(stored))
+    return CellResource.of(stored, cells.findings(stored))
 
 
 @router.get(

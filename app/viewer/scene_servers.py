@@ -12,7 +12,7 @@ import re
 import secrets
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -24,6 +24,7 @@ from starlette.concurrency import run_in_threadpool
 
 from app.errors import CellNotDrawn, TooManyWatchers
 from app.resources.cell_collection import CellCollection
+from app.resources.followers import counted
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
 from app.viewer.body_drawing import EmptyCell, Stage
@@ -318,17 +319,9 @@ class SceneServers:
         finally:
             await run_in_threadpool(server.close)
 
-    @contextmanager
-    def relay(self, key: str) -> Iterator[bool]:
+    def relay(self, key: str) -> AbstractContextManager[bool]:
         """Count one who looks at a scene for the time of a block, in which it is true unless too many do already."""
-        admitted = self._relays[key] < MOST_RELAYS
-        self._relays[key] += admitted
-        try:
-            yield admitted
-        finally:
-            self._relays[key] -= admitted
-            if not self._relays[key]:
-                del self._relays[key]
+        return counted(self._relays, key, admitted=self._relays[key] < MOST_RELAYS)
 
     def address(self, key: str) -> str | None:
         """Return where the scene of a key is served, by whichever process its watcher came to; None: it is closed."""

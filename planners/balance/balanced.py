@@ -91,7 +91,7 @@ class UnbalanceProof:
     twist: Array
     """(6,), [linear; angular] of the plate, plate axes, about the centre of mass; its larger part is of size 1."""
     net_multiplier: Array
-    """(3,), velocity that makes the gripper's bound exact; see `support.grip_power`."""
+    """(3,), velocity that makes the gripper's bound exact; see `contact_power.grip_power`."""
 
 
 @dataclass(frozen=True, eq=False)

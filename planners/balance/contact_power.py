@@ -81,13 +81,16 @@ def environment_power(twists: Array, levers: Array, ups: Array, friction: Fricti
 
 
 def _cone_power(velocities: Array, normals: Array, mu: float, spins: Array | float) -> Array:
-    """Return the most power (...) per newton of normal force in a friction cone [W/N]; negative when none helps."""
+    """Return the most power (...) per newton of normal force in a friction cone [W/N]; negative when none helps.
+
+    Velocities and unit normals are (..., 3), in the same axes; `spins` (...) of soft fingers are times eps [m/s].
+    """
     outward, along = _split(velocities, normals)
     return outward + mu * np.sqrt(along**2 + np.square(spins))
 
 
 def _split(velocities: Array, normals: Array) -> tuple[Array, Array]:
-    """Return the components (...) of velocities (..., 3) along unit normals, and the lengths (...) of the rest."""
+    """Return components (...) of velocities (..., 3) along unit normals, and the lengths (...) of the rest [m/s]."""
     outward = _dot(velocities, normals)
     rest = velocities - outward[..., None] * normals
     return outward, np.sqrt(_dot(rest, rest))

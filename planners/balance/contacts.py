@@ -165,6 +165,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _locked(values: Array, shape: tuple[int, ...], what: str, *, unit: bool = False) -> Array:
+    """Return a copy that nobody can write to, of finite numbers of a shape; with `unit`, of vectors of length 1."""
     array = np.array(values, dtype=float)
     if array.shape != shape or not np.all(np.isfinite(array)):
         raise LiftwrightError(f"{what} must be finite numbers of shape {shape}, not {array.shape}")

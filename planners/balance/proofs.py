@@ -86,6 +86,7 @@ class TwistTable:
 
 
 def _as_proof(proof: UnbalanceProof | Array) -> UnbalanceProof:
+    """Take a twist (6,) for a proof without a multiplier."""
     return proof if isinstance(proof, UnbalanceProof) else UnbalanceProof(np.asarray(proof, dtype=float), np.zeros(3))
 
 

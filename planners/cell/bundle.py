@@ -43,7 +43,7 @@ from planners.cell.asset_shelf import (
     shipped_shelf,
     validated,
 )
-from planners.cell.cell import Cell, CellParts
+from planners.cell.cell import Cell, CellParts, read_cell
 from planners.cell.urdf_robot import RobotFigures, robot_from_urdf
 from planners.errors import AssetError, AssetFault, AssetFaults
 
@@ -194,11 +194,7 @@ class CellBundle:
             OSError: The folder cannot be written.
         """
         faults = AssetFaults()
-        cell = self.read_parts(folder, faults).assembled
-        faults.raise_any()
-        # What is missing is told.
-        assert cell is not None
-        return cell
+        return self.read_parts(folder, faults).whole(faults)
 
     def read_parts(self, folder: Path, faults: AssetFaults) -> CellParts:
         """Read what can be used of the cell, and gather all that is wrong with it; arguments as of `load`.
@@ -244,11 +240,7 @@ def load_unpacked(folder: Path) -> Cell:
     Raises:
         AssetError: Something is wrong with it.
     """
-    faults = AssetFaults()
-    cell = CellParts.read(_cell_file(folder), _shelf_at(folder), faults).assembled
-    faults.raise_any()
-    assert cell is not None
-    return cell
+    return read_cell(_cell_file(folder), _shelf_at(folder))
 
 
 def _cell_file(folder: Path) -> Path:
@@ -257,8 +249,8 @@ def _cell_file(folder: Path) -> Path:
 
 
 def _shelf_at(folder: Path) -> AssetShelf:
-    """Return the files of an unpacked bundle and the shipped ones; solids are kept beside the former."""
-    return replace(shelf_of(folder), kept=folder / _SOLIDS)
+    """Return the files of an unpacked bundle, and behind them the shipped ones; solids are kept beside the former."""
+    return AssetShelf((folder, *shipped_shelf().folders), kept=folder / _SOLIDS)
 
 
 def cell_schema() -> dict[str, Any]:
@@ -280,14 +272,9 @@ def cell_schema() -> dict[str, Any]:
     return schema
 
 
-def shelf_of(folder: Path) -> AssetShelf:
-    """Return the files of an unpacked bundle, and behind them the shipped ones."""
-    return AssetShelf((folder, *shipped_shelf().folders))
-
-
 def _inside(fault: AssetFault, folder: Path) -> AssetFault:
     """Return a fault with its file as it is called inside a folder; of what is shipped, inside the assets."""
-    for root in shelf_of(folder).folders:
+    for root in _shelf_at(folder).folders:
         if Path(fault.file).is_relative_to(root):
             return replace(fault, file=Path(fault.file).relative_to(root).as_posix())
     return fault

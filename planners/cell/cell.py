@@ -261,7 +261,7 @@ def load_cell(name: str) -> Cell:
         AssetError: There is none of this name, or one of its files is wrong; the message names file and field.
     """
     shelf = shipped_shelf()
-    return _load(shelf.find("cells", name), shelf)
+    return read_cell(shelf.find("cells", name), shelf)
 
 
 _LOADING = Lock()
@@ -302,25 +302,14 @@ def load_cells() -> dict[str, Cell]:
     return dict(ShippedCells())
 
 
-def load_cell_file(path: Path | str) -> Cell:
-    """Load a cell of one's own.
-
-    The mount, robots and hands it names are looked up in the folder that `cells/` stands in, then among the shipped.
+def read_cell(path: Path, shelf: AssetShelf) -> Cell:
+    """Load the cell of a file, with what it names on a shelf.
 
     Raises:
-        AssetError: A file is missing or wrong; the message names file and field.
+        AssetError: Something is wrong with it; every fault names its file and member.
     """
-    path = Path(path)
-    return _load(path, AssetShelf((path.absolute().parent.parent, *shipped_shelf().folders)))
-
-
-def _load(path: Path, shelf: AssetShelf) -> Cell:
     faults = AssetFaults()
-    cell = CellParts.read(path, shelf, faults).assembled
-    faults.raise_any()
-    # What is missing is told.
-    assert cell is not None
-    return cell
+    return CellParts.read(path, shelf, faults).whole(faults)
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,6 +359,19 @@ class CellParts:
                 arms[side] = _arm(side, mount, robots[robot], hands[hand])
         _check_payloads(arms, str(path), faults)
         return cls(file, mount, arms, _meshes(mount, shelf, faults), shelf)
+
+    def whole(self, faults: AssetFaults) -> Cell:
+        """Return the cell, in which nothing is wrong.
+
+        Args:
+            faults: all that was gathered of it, what is missing included.
+
+        Raises:
+            AssetError: There are some.
+        """
+        faults.raise_any()
+        assert self.assembled is not None
+        return self.assembled
 
     @property
     def table(self) -> StaticBox:

@@ -39,8 +39,8 @@ for _name, _pattern in _SCALARS.items():
     _CoreLoader.add_implicit_resolver(_TAG + _name, _pattern, None)
 
 
-def parse_yaml(body: bytes, called: str = "the file") -> tuple[Any, Mapping[str, int]]:
-    """Parse `body`, which messages call as its reader does.
+def parse_yaml(body: bytes) -> tuple[Any, Mapping[str, int]]:
+    """Parse a file.
 
     Returns:
         JSON data, and by JSON pointer (RFC 6901) the line, from 1, in which a member stands.
@@ -52,26 +52,26 @@ def parse_yaml(body: bytes, called: str = "the file") -> tuple[Any, Mapping[str,
     try:
         text = body.decode("utf-8")
         root = yaml.compose(text, Loader=_CoreLoader)
-        reader = _NodeReader(called)
+        reader = _NodeReader()
         return reader.value(root, ()), reader.lines
     except UnicodeDecodeError as error:
-        raise NotYaml(f"{called} is not UTF-8: byte {error.start} cannot be decoded") from error
+        raise NotYaml(f"the file is not UTF-8: byte {error.start} cannot be decoded") from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = "" if mark is None else f" (line {mark.line + 1}, column {mark.column + 1})"
-        raise NotYaml(f"{called} is not YAML: {error.problem or error.context}{where}") from error
+        raise NotYaml(f"the file is not YAML: {error.problem or error.context}{where}") from error
     except yaml.YAMLError as error:
-        raise NotYaml(f"{called} is not YAML: {error}") from error
+        raise NotYaml(f"the file is not YAML: {error}") from error
     except RecursionError as error:
-        raise NotYaml(f"{called} is nested too deeply") from error
+        raise NotYaml("the file is nested too deeply") from error
 
 
 class _NodeReader:
     """Reads the nodes of one text."""
 
-    def __init__(self, called: str) -> None:
+    def __init__(self) -> None:
         self.lines: dict[str, int] = {}
-        self._called, self._nodes = called, 0
+        self._nodes = 0
         self._open: list[yaml.Node] = []
 
     def value(self, node: yaml.Node | None, path: tuple[str | int, ...]) -> Any:
@@ -80,7 +80,7 @@ class _NodeReader:
             return None
         self._nodes += 1
         if self._nodes > MOST_NODES:
-            raise NotYaml(f"{self._called} has more than {MOST_NODES} values")
+            raise NotYaml(f"the file has more than {MOST_NODES} values")
         if any(node is each for each in self._open):
             raise self._fault(node, "an alias stands for what it is itself part of")
         self.lines.setdefault(json_pointer(path), node.start_mark.line + 1)
@@ -131,4 +131,4 @@ class _NodeReader:
             raise self._fault(node, "a string has half of a surrogate pair") from error
 
     def _fault(self, node: yaml.Node, why: str) -> NotYaml:
-        return NotYaml(f"{self._called}, line {node.start_mark.line + 1}: {why}")
+        return NotYaml(f"the file, line {node.start_mark.line + 1}: {why}")

@@ -108,13 +108,6 @@ def rotation_angle(R_a: Array, R_b: Array) -> float:
     return math.atan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0))
 
 
-def small_motion(T_from: Transform, T_to: Transform) -> Array:
-    """Return the (6,) way from one pose to another that is near: translation, and axis times sine of the angle."""
-    turn = T_to[:3, :3] @ T_from[:3, :3].T
-    turned = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return np.concatenate([T_to[:3, 3] - T_from[:3, 3], turned])
-
-
 def rotation_x(angle: float) -> Array:
     """Return the (3, 3) rotation about x [rad]."""
     return rotation_from_vector([angle, 0.0, 0.0])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +33,6 @@ def lift_goal(
     rotation_world_plate: Array,
     grip: GripContacts,
     push: PushContact,
-    reserves: Sequence[float] = RESERVES,
 ) -> LiftGoal | None:
     """Solve (5) for the plate in the air with as large a reserve as there can be: on the cup, then on all limits.
 
@@ -46,7 +44,6 @@ def lift_goal(
         rotation_world_plate: (3, 3).
         grip: contacts of the gripping hand, plate frame.
         push: contact of the pushing hand, plate frame.
-        reserves: to try, largest first.
 
     Returns:
         The goal, or None if the hands and the cup do not bear the plate even without reserve.
@@ -57,8 +54,8 @@ def lift_goal(
         answer = program.solve(rotation_world_plate, np.empty((0, 3)), grip, push)
         return LiftGoal(answer, reserve, cup_reserve) if isinstance(answer, Balanced) else None
 
-    found = next((goal for cup_reserve in reserves if (goal := bears(0.0, cup_reserve))), None)
+    found = next((goal for cup_reserve in RESERVES if (goal := bears(0.0, cup_reserve))), None)
     if found is None:
         return None
-    both = (reserve for reserve in reserves if 0.0 < reserve <= found.cup_reserve)
+    both = (reserve for reserve in RESERVES if 0.0 < reserve <= found.cup_reserve)
     return next((goal for reserve in both if (goal := bears(reserve, found.cup_reserve))), found)

@@ -171,12 +171,6 @@ class LiftLoop:
         """Return both hands' vertical force on the plate, off its goal, in a state [N]."""
         return float(self._force @ state[: self.STATES])
 
-    def disturbance(self, size: int, acceleration: float) -> Array:
-        """Return what a lifter's acceleration during a period [m/s^2] adds to a state of `size`."""
-        added = np.zeros(size)
-        added[: self.STATES] = acceleration * self._accelerated[:, 1]
-        return added
-
     def growth(self, gains: FollowerGains, gain: float = 1.0) -> float:
         """Return the largest factor by which any motion grows in a period, but those of a lifter that goes on [1]."""
         return _spectral_radius(self._without_lifter(gains, gain)[0])

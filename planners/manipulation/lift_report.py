@@ -18,6 +18,7 @@ from planners.manipulation.lift_plan import LiftPlan, SequenceStep
 from planners.manipulation.lift_sampling import LiftSampling, jaw_of
 from planners.manipulation.lift_search import Found, LiftSearch
 from planners.manipulation.lift_segment import BalancedContacts, LiftSegment
+from planners.manipulation.statics.lift_programs import payload_forces
 from planners.manipulation.statics.lift_torques import LiftTorques
 from planners.manipulation.statics.reserves import ReservedSegments, keeping_most
 from planners.plan.verdicts import PlanningOutcome
@@ -95,8 +96,7 @@ def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapa
 
 def _borne_beyond_limits(scene: PlateLiftScene, capacity: LiftCapacity) -> tuple[float, float] | None:
     """Return what the arms' payloads leave gripper and stick [N]; None where the task allows no less than that."""
-    cell = scene.cell
-    gripper, pusher = (cell.payload_force(arms[0]) for arms in (cell.gripper_arms, cell.pusher_arms))
+    gripper, pusher = payload_forces(scene.cell)
     return (gripper, pusher) if capacity.gripper < gripper or capacity.pusher < pusher else None
 
 
@@ -201,6 +201,7 @@ def _figures_by_contact(search: LiftSearch) -> dict[str, dict[str, int]]:
     number_of_node = number_of_pose[graph.node_pose]
 
     def counts(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+        """How often (contacts,) each contact is among numbers (n,)."""
         return np.bincount(numbers, minlength=len(contacts))
 
     columns = {

@@ -56,7 +56,7 @@ class HermiteExtremes:
     """|Δq/Δt - mean of the velocities at both ends|."""
 
 
-def hold_still(q: NDArray[np.float64], duration: float, sample_step: float = 0.02, s: float = 0.0) -> Trajectory:
+def hold_still(q: NDArray[np.float64], duration: float, sample_step: float = 0.02) -> Trajectory:
     """Rest at q (k,) for a duration > 0 [s], sampled at least every sample_step [s].
 
     Raises:
@@ -71,7 +71,7 @@ def hold_still(q: NDArray[np.float64], duration: float, sample_step: float = 0.0
         np.repeat(q[None], n, axis=0),
         zeros,
         zeros.copy(),
-        np.full(n, s),
+        np.zeros(n),
     )
 
 

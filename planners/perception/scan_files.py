@@ -65,31 +65,31 @@ def check_sides(width: int, height: int, most_pixels: int, part: str) -> None:
         )
 
 
-def read_colour(content: bytes, part: str = "colour") -> NDArray[np.uint8]:
+def read_colour(content: bytes) -> NDArray[np.uint8]:
     """Return (h, w, 3) blue, green, red of a PNG or JPEG file.
 
     Raises:
         ScanRefused: It is no such file, is too large, or far longer than wide.
     """
-    _check_size(content, MOST_PIXELS, part)
+    _check_size(content, MOST_PIXELS, "colour")
     image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if image is None:
-        raise ScanRefused(part, "the picture is damaged: it cannot be decoded")
+        raise ScanRefused("colour", "the picture is damaged: it cannot be decoded")
     return image.astype(np.uint8, copy=False)
 
 
-def read_depth_png(content: bytes, unit: float, most_pixels: int, part: str = "depth") -> Array:
+def read_depth_png(content: bytes, unit: float, most_pixels: int) -> Array:
     """Return the (h, w) depths of a 16-bit PNG file, NaN where it is 0 [m].
 
     Args:
         content: of the file.
         unit: of its numbers [m].
         most_pixels: that are read [1].
-        part: what the file is called.
 
     Raises:
         ScanRefused: It is no such file, is too large, or far longer than wide.
     """
+    part = "depth"
     _check_size(content, most_pixels, part)
     # Eight times as many bytes would be decoded of a coloured picture, to be refused then.
     if content.startswith(JPEG) or content[24:26] != GREY_OF_16_BITS:
@@ -153,17 +153,17 @@ PLY_TYPES = {
 }  # fmt: skip
 
 
-def read_cloud(content: bytes, unit: float, part: str = "cloud") -> Array:
+def read_cloud(content: bytes, unit: float) -> Array:
     """Return the points of a file: (n, 3), or (h, w, 3) where it is organised in rows [m].
 
     Args:
         content: of the file.
         unit: of its numbers [m].
-        part: what the file is called.
 
     Raises:
         ScanRefused: It is no such file, is damaged, or holds too many points.
     """
+    part = "cloud"
     if content.startswith(NPY):
         points = read_npy(content, part)
         if points.ndim not in (2, 3) or points.shape[-1] != 3:

@@ -27,7 +27,7 @@ from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.reach.reach_memory import ReachMemory
-from planners.manipulation.statics.lift_programs import hand_force_limit
+from planners.manipulation.statics.lift_programs import hand_force_limit, payload_forces
 from planners.progress import Progress
 from planners.remedies.change import (
     Effort,
@@ -339,7 +339,7 @@ class LiftChanges:
         """All that the arms' payloads and the gripper allow, where the task asks for less."""
         stated, scene = self.task.hand_force_limit, self.scene
         hand = scene.cell.gripper(scene.cell.gripper_arms[0])
-        payloads = [scene.cell.payload_force(arm) for arm in scene.cell.arms]
+        payloads = payload_forces(scene.cell)
         most = math.ceil(10.0 * max(payloads)) / 10.0
         limits = {"normal": max(stated.normal, most), "net": max(stated.net, most)}
         asked = hand_force_limit(scene)

@@ -76,14 +76,11 @@ def tool_descriptions() -> dict[str, CustomTool]:
     return {name: shipped_tool(name).tool for name in known_tools()}
 
 
-def load_tool(
-    tool: str | CustomTool, T_world_tool: Transform | None = None, shapes: ShapeSource | None = None
-) -> SuctionTool:
-    """Load a shipped tool by its name, or build one that a task describes.
+def load_tool(tool: str | CustomTool, shapes: ShapeSource | None = None) -> SuctionTool:
+    """Load a shipped tool by its name, or build one that a task describes; it is at the world's origin.
 
     Args:
         tool: name or description.
-        T_world_tool: where it is at the start; None: at the world's origin.
         shapes: where meshes come from; None: the shipped ones alone.
 
     Raises:
@@ -94,10 +91,9 @@ def load_tool(
     if isinstance(given, str):
         name, given = given, shipped_tool(given).tool
     solid = _solid(given.shapes, shapes or ShapeSource())
-    T = np.eye(4) if T_world_tool is None else T_world_tool
     com = solid.centroid if given.com is None else np.array(given.com)
     stated = InlineMesh.of(*solid.surface(), (part.vertices for part in solid.convex_parts))
-    body = Body(TOOL_NAME, "tool", stated, solid, given.mass, com, T, static=False)
+    body = Body(TOOL_NAME, "tool", stated, solid, given.mass, com, np.eye(4), static=False)
     cup = given.cup
     return SuctionTool(name, body, given.mass, com, CupData(cup.radius, cup.max_force, cup.mu, cup.kappa))
 

@@ -15,7 +15,6 @@ from planners.errors import SceneError
 from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.reach.reach_memory import ReachMemory
 from planners.planning import CertificateFailed, TaskSolver, plan
-from planners.progress import Progress, silent
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
@@ -37,7 +36,6 @@ class PointExaminer:
         index: int,
         uploads: Uploads = no_uploads,
         cells: Mapping[str, Cell] | None = None,
-        progress: Progress = silent,
     ) -> StudyPoint:
         """Return what comes of the task of a point; that there can be no such task is an answer, too.
 
@@ -46,17 +44,13 @@ class PointExaminer:
             index: number of the point.
             uploads: finds the meshes that the task names as uploads.
             cells: by name, as the task says it; None: those of the solver.
-            progress: told what is being done.
-
-        Raises:
-            PlanningCancelled: `progress` asked for it.
         """
         solver = self._planning if study.spec.certify else self._searching
         solver = solver if cells is None else replace(solver, cells=cells)
         clock = solver.clock
         begun = clock()
         try:
-            found = solver.solve(_without_remedies(study.task_at(index)), uploads=uploads, on_progress=progress)
+            found = solver.solve(_without_remedies(study.task_at(index)), uploads=uploads)
         except (ValidationError, SceneError) as error:
             why = "; ".join(f"{each.pointer}: {each.detail}" for each in problems_of(error))
             return StudyPoint.without_plan(study, index, "refused", why, clock() - begun)

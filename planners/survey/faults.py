@@ -49,11 +49,7 @@ def load_checked(bundle: CellBundle, folder: Path) -> Cell:
     parts = bundle.read_parts(folder, faults)
     _check_parts(parts, found)
     faults.take(map(bundle.as_given, found.found))
-    faults.raise_any()
-    cell = parts.assembled
-    # What is missing is told.
-    assert cell is not None
-    return cell
+    return parts.whole(faults)
 
 
 def check_cell(cell: Cell) -> None:
@@ -200,9 +196,9 @@ class Meeting:
         return f"at home {one} and {other} are {gap} apart; planning keeps {1e3 * self.margin:.1f} mm"
 
 
-def meetings_at_home(cell: Cell, clearance: Clearance | None = None) -> Iterator[Meeting]:
+def meetings_at_home(cell: Cell) -> Iterator[Meeting]:
     """Yield all pairs of bodies, of those that are ever checked, that are nearer at home than planning keeps them."""
-    margin = (clearance or Clearance()).margin
+    margin = Clearance().margin
     frames = {"world": np.eye(4), **arm_frames(cell, cell.home)}
     for one, other in itertools.combinations(cell.collision_bodies(), 2):
         if one.frame == other.frame or sorted_pair(one.name, other.name) in cell.excluded_pairs:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import yaml
 from support.documents import bodies_of, cell_of
+from support.own_cell import load_cell_file
 
 from assets import assets_folder
-from planners.cell.cell import Cell, known_cells, load_cell, load_cell_file
+from planners.cell.cell import Cell, known_cells, load_cell
 from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import from_pose7, pose_row, rotation_x, rotation_z

@@ -140,10 +140,10 @@ def test_limits_that_an_earlier_version_did_not_keep_are_looked_up_once(
 ) -> None:
     collection = CellCollection({}, cells)
     stored, _ = collection.add(bundle())
-    figures = collection.figures(stored)
-    assert figures is not None
+    findings = collection.findings(stored)
+    assert findings is not None
     with database.engine.begin() as transaction:
-        transaction.execute(sa.update(CELLS).values(figures=figures.model_dump_json()))
+        transaction.execute(sa.update(CELLS).values(figures=findings.model_dump_json(exclude={"notes", "limits"})))
     expected = {"station": CellLimits.of(bundle().load(folder))}
     fresh = CellCollection({}, CellStore(database, folder))
     assert fresh.limits() == expected
@@ -158,11 +158,11 @@ def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
     collection = CellCollection({}, cells)
     for name in ("sound", "broken"):
         stored, _ = collection.add(bundle(name=name))
-    figures = collection.figures(stored)
-    assert figures is not None
+    findings = collection.findings(stored)
+    assert findings is not None
     with database.engine.begin() as transaction:
         broken = sa.update(CELLS).where(CELLS.c.name == "broken")
-        transaction.execute(broken.values(zip=b"no zip", figures=figures.model_dump_json()))
+        transaction.execute(broken.values(zip=b"no zip", figures=findings.model_dump_json(exclude={"notes", "limits"})))
     told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
     assert told.cells == ["broken", "sound"]
     assert set(told.cell_limits) == {"sound"}

@@ -6,6 +6,7 @@ import threading
 
 import pytest
 import sqlalchemy as sa
+from support.accepted import accept
 from support.places import on_both_databases
 from support.service import task
 
@@ -33,7 +34,7 @@ def in_status(database: Database, plan_id: str, status: str) -> sa.Update:
 
 def begun(database: Database, store: PlanStore, queue: JobQueue) -> str:
     """Return the id of a plan whose first attempt goes on."""
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     database.write(in_status(database, plan_id, RUNNING))
     assert store.begin_attempt(plan_id) is not None
     return plan_id

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
+from support.accepted import accept
 from support.service import task
 
 from workers.engine.housekeeping import BATCH, cancel_overdue
@@ -31,7 +32,7 @@ class Stores:
         now = now_us()
         times = [None if each is None else now + each for each in (start_in_us, end_in_us)]
         order = JobOrder(start_us=times[0], end_us=times[1])
-        return self.store.accept(task(), None, self.queue, order=order).id
+        return accept(self.store, task(), None, self.queue, order=order).id
 
     def become(self, plan_id: str, status: str) -> None:
         jobs = workflow_table("sqlite")

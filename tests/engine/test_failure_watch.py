@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import sqlalchemy as sa
+from support.accepted import accept
 from support.service import task
 
 from app.access.caller import ANYBODY
@@ -34,7 +35,7 @@ def counted(store: PlanStore) -> dict[str, int]:
 def test_jobs_that_the_engine_gave_up_or_saw_end_by_an_error_are_counted_once(
     database: Database, queue: JobQueue, store: PlanStore
 ) -> None:
-    plans = [store.accept(task(), None, queue).id for _ in range(6)]
+    plans = [accept(store, task(), None, queue).id for _ in range(6)]
     statuses = ("ERROR", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "MAX_RECOVERY_ATTEMPTS_EXCEEDED", "SUCCESS", "CANCELLED")
     for plan_id, status in zip(plans, statuses, strict=False):
         end(database, plan_id, status)
@@ -50,7 +51,7 @@ def test_jobs_that_the_engine_gave_up_or_saw_end_by_an_error_are_counted_once(
 def test_a_job_that_failed_by_a_solvers_word_is_not_counted_again(
     database: Database, queue: JobQueue, store: PlanStore
 ) -> None:
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     assert store.mark_failed(plan_id, 0, "fault")
     end(database, plan_id, "ERROR")
     count_failures(store)
@@ -61,7 +62,7 @@ def test_a_job_that_failed_by_a_solvers_word_is_not_counted_again(
 def test_a_plan_looks_the_same_before_and_after_it_is_counted(
     database: Database, queue: JobQueue, store: PlanStore, ended_ms: int
 ) -> None:
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     end(database, plan_id, "MAX_RECOVERY_ATTEMPTS_EXCEEDED", ended_ms)
     room = Room(10, 10, 10)
     desk = PlanCollection(store, queue, PlanWriter(store, queue, room), room, ANYBODY)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import sqlalchemy as sa
+from support.accepted import accept
 from support.service import task
 
 from workers.stores.database import Database
@@ -28,7 +29,7 @@ def begin(database: Database, plan_id: str, worker: str) -> None:
 def test_depth_counts_waiting_and_running_jobs_up_to_the_limit(
     database: Database, store: PlanStore, queue: JobQueue
 ) -> None:
-    plans = [store.accept(task(), None, queue).id for _ in range(5)]
+    plans = [accept(store, task(), None, queue).id for _ in range(5)]
     begin(database, plans[0], "a")
     queue.cancel(plans[1])
     depth = queue.depth(100)
@@ -39,7 +40,7 @@ def test_depth_counts_waiting_and_running_jobs_up_to_the_limit(
 def test_jobs_that_wait_for_their_start_are_counted_apart(store: PlanStore, queue: JobQueue) -> None:
     later = JobOrder(start_us=now_us() + 3_600_000_000)
     for order in (later, later, JobOrder(), JobOrder(start_us=1)):
-        store.accept(task(), None, queue, "mes", order)
+        accept(store, task(), None, queue, "mes", order)
     assert queue.depth(100) == Depth(queued=2, delayed=2, running=0)
     assert queue.depth(100).due == 2
     assert [store.delayed(owner, 100) for owner in ("mes", "other", None)] == [2, 0, 0]
@@ -49,7 +50,7 @@ def test_jobs_that_wait_for_their_start_are_counted_apart(store: PlanStore, queu
 def test_a_job_is_of_the_pinned_version_so_that_workers_of_the_next_release_take_it(
     database: Database, store: PlanStore, queue: JobQueue
 ) -> None:
-    store.accept(task(), None, queue)
+    accept(store, task(), None, queue)
     with database.engine.connect() as connection:
         versions = connection.exec_driver_sql("SELECT application_version FROM workflow_status").scalars().all()
     assert versions == [APPLICATION_VERSION]
@@ -59,7 +60,7 @@ def test_a_job_is_of_the_pinned_version_so_that_workers_of_the_next_release_take
 def test_jobs_of_a_dead_worker_are_begun_anew_once_and_those_of_others_are_not(
     database: Database, store: PlanStore, queue: JobQueue
 ) -> None:
-    lost, live = (store.accept(task(), None, queue).id for _ in range(2))
+    lost, live = (accept(store, task(), None, queue).id for _ in range(2))
     begin(database, lost, "dead")
     begin(database, live, "alive")
     assert queue.running() == {"dead": {lost}, "alive": {live}}
@@ -72,7 +73,7 @@ def test_jobs_of_a_dead_worker_are_begun_anew_once_and_those_of_others_are_not(
 
 
 def test_what_an_earlier_attempt_still_writes_is_dropped(store: PlanStore, queue: JobQueue) -> None:
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     first, second = store.begin_attempt(plan_id), store.begin_attempt(plan_id)
     assert first is not None
     assert second is not None
@@ -90,7 +91,7 @@ def test_what_an_earlier_attempt_still_writes_is_dropped(store: PlanStore, queue
 
 
 def test_a_document_that_is_stored_twice_is_counted_once_with_its_stages(store: PlanStore, queue: JobQueue) -> None:
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     for _ in range(2):
         store.save_document(plan_id, 0, DOCUMENT_MADE)
     totals = {(total.name, total.label): (total.count, total.seconds) for total in store.totals()}

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from support.accepted import accept
 from support.service import task
 
 from workers.settings import WorkerSettings
@@ -31,7 +32,7 @@ def desk(tmp_path: Path) -> Iterator[tuple[PlanStore, JobQueue]]:
 
 def test_an_accepted_plan_has_a_queued_job(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
-    record = store.accept(task(), None, queue)
+    record = accept(store, task(), None, queue)
     assert store.get(record.id) == record
     assert store.task(record.id) == task()
     assert queue.jobs([record.id])[record.id].state is JobState.QUEUED
@@ -40,14 +41,14 @@ def test_an_accepted_plan_has_a_queued_job(desk: tuple[PlanStore, JobQueue]) -> 
 def test_one_key_makes_one_plan_however_many_ask_at_once(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
     with ThreadPoolExecutor(8) as pool:
-        records = list(pool.map(lambda _: store.accept(task(), "key", queue), range(16)))
+        records = list(pool.map(lambda _: accept(store, task(), "key", queue), range(16)))
     assert len({record.id for record in records}) == 1
     assert queue.depth(100).due == 1
 
 
 def test_pages_hold_every_plan_once(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
-    made = {store.accept(task(), None, queue).id for _ in range(11)}
+    made = {accept(store, task(), None, queue).id for _ in range(11)}
     seen: list[str] = []
     before = None
     while page := store.newest(3, before):
@@ -58,7 +59,7 @@ def test_pages_hold_every_plan_once(desk: tuple[PlanStore, JobQueue]) -> None:
 
 def test_events_are_numbered_from_one_and_shown_as_progress(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     for fraction in (0.1, 0.2, 0.3):
         store.add_event(plan_id, PlanEvent(attempt=0, stage="search", fraction=fraction))
     assert [number for number, _ in store.events_after(plan_id, 0)] == [1, 2, 3]
@@ -70,7 +71,7 @@ def test_events_are_numbered_from_one_and_shown_as_progress(desk: tuple[PlanStor
 
 def test_what_is_written_for_a_deleted_plan_is_dropped(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     store.save_document(plan_id, 0, packed(b"first"))
     store.delete(plan_id)
     store.add_event(plan_id, PlanEvent(attempt=0, stage="search", fraction=0.5))
@@ -83,7 +84,7 @@ def test_what_is_written_for_a_deleted_plan_is_dropped(desk: tuple[PlanStore, Jo
 
 def test_a_later_document_replaces_an_earlier_one(desk: tuple[PlanStore, JobQueue]) -> None:
     store, queue = desk
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     for content in (b"first", b"second"):
         assert store.save_document(plan_id, 0, packed(content))
     document = store.document(plan_id)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import uuid
 
 import sqlalchemy as sa
+from support.accepted import accept
 from support.service import task
 
 from planners.contract.scene_document import SceneDocument
@@ -22,7 +23,7 @@ from workers.stores.tables import AUDIT, DOCUMENTS, EVENTS, PLANS, SCENES
 def make(database: Database, queue: JobQueue, *, age_days: float, ended_days: float | None) -> str:
     """Accept a plan so many days ago, which ended so many days ago or has not ended."""
     store, jobs = PlanStore(database), workflow_table("sqlite")
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     store.add_event(plan_id, PlanEvent(attempt=0, stage="search", fraction=0.5))
     store.save_document(plan_id, 0, PackedDocument("solved", "0" * 64, b"x"))
     with database.engine.begin() as transaction:
@@ -89,7 +90,7 @@ def test_scenes_go_that_were_last_posted_before_and_that_no_plan_names(database:
 
 def test_a_plan_is_kept_with_the_scene_that_its_task_names(database: Database, queue: JobQueue) -> None:
     scene_id, store = "5" * 32, PlanStore(database)
-    plan = store.accept({**task(), "scene_id": scene_id}, None, queue)
+    plan = accept(store, {**task(), "scene_id": scene_id}, None, queue)
     assert store.naming_scene(scene_id) == [plan.id]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 from sqlalchemy.exc import DataError
+from support.accepted import accept
 from support.places import on_both_databases
 from support.service import task
 
@@ -35,7 +36,7 @@ LONGEST_NAME = "n" * 64
 @on_both_databases
 def test_progress_of_an_object_with_the_longest_name_is_kept(database: Database, queue: JobQueue) -> None:
     store = PlanStore(database)
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     stage = f"second regrasp {LONGEST_NAME}"
     store.add_event(plan_id, PlanEvent(attempt=0, stage=stage, fraction=0.5))
     record = store.get(plan_id)
@@ -48,7 +49,7 @@ def test_stages_are_counted(database: Database, queue: JobQueue) -> None:
     store = PlanStore(database)
     stages = (("second regrasp", 0.25), ("scene", 0.125), ("second regrasp", 0.5))
     document = PackedDocument("solved", "0" * 64, b"", stages)
-    assert store.save_document(store.accept(task(), None, queue).id, 0, document)
+    assert store.save_document(accept(store, task(), None, queue).id, 0, document)
     counted = {total.label: (total.count, total.seconds) for total in store.totals() if total.name == STAGE}
     assert counted == {"scene": (1, 0.125), "second regrasp": (2, 0.75)}
 
@@ -101,7 +102,7 @@ def test_a_job_goes_on_whatever_the_database_says_to_its_progress(tmp_path: Path
     settings = WorkerSettings(data_dir=tmp_path)
     database = open_database(settings)
     queue, store = JobQueue(database), ForgetfulStore(database)
-    plan_id = store.accept(task(), None, queue).id
+    plan_id = accept(store, task(), None, queue).id
     with database.engine.begin() as transaction:
         begun = sa.update(workflow_table("sqlite")).values(status="PENDING", executor_id=settings.executor_name)
         transaction.execute(begun)

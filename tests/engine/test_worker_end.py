@@ -7,6 +7,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from support.accepted import accept
 from support.service import FAKE_SOLVER, task, wait_for
 
 from workers.engine.executor_lock import FileLock
@@ -62,7 +63,7 @@ def test_the_event_loop_ends_though_a_solver_at_work_does_not(tmp_path: Path, mo
         queue, store = JobQueue(database), PlanStore(database)
         worker = Worker(settings, database, queue, store, supervisor)
         await worker.start()
-        plan_id = store.accept(task(external_id="hang"), None, queue).id
+        plan_id = accept(store, task(external_id="hang"), None, queue).id
         await asyncio.to_thread(wait_for, lambda: (store.get(plan_id).stage or "") == "graph")
         monkeypatch.setattr(SolverProcess, "kill", gone_at_last)
         await supervisor.stop()

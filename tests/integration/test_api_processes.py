@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from support.service import FAKE_SOLVER, ServiceProcess, task, wait_for
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
+from app.serve import COUNTS_PREFIX, folder_of_counts
 from workers.settings import WorkerSettings
 
 
@@ -74,3 +76,20 @@ def counted(metrics: str) -> float:
     )
     assert found is not None
     return float(found[1])
+
+
+def test_counts_that_a_killed_service_has_left_are_removed_and_those_of_a_living_one_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    left = [tmp_path / f"{COUNTS_PREFIX}{name}" for name in ("killed", "just_made")]
+    other = tmp_path / "of_another_program"
+    for folder in (*left, other):
+        folder.mkdir()
+        (folder / "counts.db").touch()
+    with folder_of_counts() as living:
+        for folder in (left[0], other, Path(living)):
+            os.utime(folder, (0, 0))
+        with folder_of_counts() as second:
+            assert set(tmp_path.iterdir()) == {left[1], other, Path(living), Path(second)}
+    assert set(tmp_path.iterdir()) == {left[1], other}

@@ -7,6 +7,7 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+from support.accepted import accept
 from support.postgres import PostgresServer, needs_postgres, running_postgres
 from support.service import task
 
@@ -20,7 +21,7 @@ from workers.stores.plan_store import PackedDocument, PlanRecord, PlanStore
 def fill(database: Database) -> tuple[PlanRecord, PlanRecord]:
     """Store a plan with a document and one that waits."""
     queue, store = JobQueue(database), PlanStore(database)
-    done, waiting = (store.accept(task(), key, queue).id for key in ("a", "b"))
+    done, waiting = (accept(store, task(), key, queue).id for key in ("a", "b"))
     assert store.save_document(done, 0, PackedDocument("solved", "0" * 64, b"the document", (("search", 1.0),)))
     queue.close()
     records = store.get(done), store.get(waiting)
@@ -39,7 +40,7 @@ def assert_holds(database: Database, records: tuple[PlanRecord, PlanRecord]) -> 
     assert document is not None
     assert document.gzip == b"the document"
     # A repeated request finds what it made before the backup.
-    assert store.accept(task(), "a", queue).id == records[0].id
+    assert accept(store, task(), "a", queue).id == records[0].id
     queue.close()
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 from sqlalchemy.exc import OperationalError
+from support.accepted import accept
 from support.postgres import needs_postgres, running_postgres
 from support.service import FAKE_SOLVER, finished, running_service, task, wait_for
 from support.worker import WorkerProcess
@@ -63,7 +64,7 @@ def test_a_request_that_is_made_again_is_answered_once_the_standby_has_what_it_m
 
         def post() -> None:
             with suppress(OperationalError):
-                answered.append(store.accept(task(), "order", queue).id)
+                answered.append(accept(store, task(), "order", queue).id)
 
         first = threading.Thread(target=post)
         first.start()

@@ -100,7 +100,8 @@ def modelled(plate: HungPlate, gains: FollowerGains, accelerations: Array, gain:
     state, readings = np.zeros(len(closed)), []
     for lifted in accelerations:
         readings.append(loop.reading(state))
-        state = closed @ state + loop.disturbance(len(closed), lifted)
+        state = closed @ state
+        state[: loop.STATES] += lifted * loop.matrices[1][:, 1]
     return np.array(readings)
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 import yaml
+from support.own_cell import load_cell_file
 
 from planners import read_task, solve
-from planners.cell.cell import load_cell_file
 from planners.kinematics.arm_kind import ArmKind, arm_kind
 
 ROOT = Path(__file__).resolve().parents[2]

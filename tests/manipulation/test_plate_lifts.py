@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import yaml
 from support.documents import certified
+from support.own_cell import load_cell_file
 from support.samples import told
 
-from planners.cell.cell import Cell, load_cell_file, load_cells
+from planners.cell.cell import Cell, load_cells
 from planners.certify import RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
 from planners.plan.verdicts import PlanningOutcome

@@ -223,7 +223,7 @@ def test_data_of_another_key_is_refused(small):
 
 def test_the_key_tells_cells_tools_and_settings_apart_and_nothing_else(cell, short_tool, long_tool):
     settings = HandoverSettings()
-    moved = load_tool("short_asymmetric", transform(None, [0.3, 0.1, 1.2]))
+    moved = load_tool("short_asymmetric").at(transform(None, [0.3, 0.1, 1.2]))
     key = handover_key(cell, short_tool, settings)
     assert handover_key(load_cell("dual_ur3e_tool"), moved, HandoverSettings()) == key
     others = [

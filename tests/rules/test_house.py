@@ -75,6 +75,15 @@ def test_every_command_of_the_readme_exists() -> None:
         assert (ROOT / path).exists(), path
 
 
+def test_every_module_that_a_text_names_exists() -> None:
+    """Decisions tell of modules that there were, and of what was measured likewise."""
+    modules = [f"/{path.relative_to(ROOT)}" for path in tracked_files() if path.suffix == ".py"]
+    texts = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md"), ROOT / "planners/README.md"]
+    named = {(path.name, name) for path in texts for name in re.findall(r"`([\w/]+\.py)`", path.read_text())}
+    assert len(named) > 50
+    assert sorted(each for each in named if not any(module.endswith(f"/{each[1]}") for module in modules)) == []
+
+
 def test_decisions_are_dated_and_in_order() -> None:
     dates = re.findall(r"^## (\d{4}-\d\d-\d\d): \S", (ROOT / "DECISIONS.md").read_text(), re.MULTILINE)
     assert dates

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
-from planners.geometry.pose import Array, inverse, rotation_from_vector, skew, small_motion, transform
+from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, skew, transform
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
 from workers.simulation.holds import Bond, Chain
 from workers.simulation.settings import BondStiffness, ToolSimulationSettings, TruthSettings
@@ -20,6 +20,13 @@ TASK = Path(__file__).resolve().parents[2] / "assets" / "tasks" / "domino_pile.j
 HOLD = BondStiffness(linear=100e3, angular=40.0, damping_time=0.004)
 LIFT = transform(position=[0.0, 0.0, 0.2])
 GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def small_motion(T_from: Transform, T_to: Transform) -> Array:
+    """Return the (6,) way from one pose to another that is near: translation, and axis times sine of the angle."""
+    turn = T_to[:3, :3] @ T_from[:3, :3].T
+    turned = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return np.concatenate([T_to[:3, 3] - T_from[:3, 3], turned])
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,19 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import trimesh
 
-from planners.cell.asset_shelf import read_robot_file, shipped_shelf
+from planners.cell.asset_shelf import AssetShelf, read_robot_file, shipped_shelf
+from planners.cell.cell import Cell, read_cell
 from tests.cell.urdf_arms import INDUSTRIAL_AXES, INDUSTRIAL_TIP, UrdfArm
+
+
+def load_cell_file(path: Path) -> Cell:
+    """Load a cell; what it names is in the folder that `cells/` stands in, or shipped."""
+    return read_cell(path, AssetShelf((path.parent.parent, *shipped_shelf().folders)))
 
 
 def station(**members: Any) -> dict[str, Any]:

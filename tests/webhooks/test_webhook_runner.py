@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 from sqlalchemy import event
+from support.accepted import accept
 from support.service import task
 
 from workers.settings import WorkerSettings
@@ -31,7 +32,7 @@ class Stores:
     runner: WebhookRunner
 
     def accept(self, number: int) -> list[str]:
-        return [self.plans.accept(task(), None, self.queue).id for _ in range(number)]
+        return [accept(self.plans, task(), None, self.queue).id for _ in range(number)]
 
     def become(self, plan_ids: list[str], status: str) -> None:
         jobs = workflow_table("sqlite")

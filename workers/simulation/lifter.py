@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numba import njit
@@ -15,6 +15,41 @@ from planners.manipulation.statics.lift_programs import balance_program
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.settings import ContactSettings, CupSettings, WinchSettings
 from workers.simulation.world import Motion
+
+
+class _Pad(NamedTuple):
+    """The cup on the plate, for compiled code."""
+
+    arm: Array
+    """(3,) of the pad's centre from the plate's centre of mass, plate axes [m]."""
+    axes: Array
+    """(3, 3) of the cup in the plate's axes; it pulls against its z."""
+    limits: Array
+    """Friction across the pad without a pull [N], what a pull adds to it [1], torque that it bears about its x and y
+    [Nm], its radius [m]."""
+    cable: bool
+    """Whether it hangs on a cable, which pulls straight up and holds no torque."""
+
+
+class _Spring(NamedTuple):
+    """What pulls, for compiled code; vectors are (3,) in world axes."""
+
+    force: Array
+    """With which it is at rest [N]."""
+    point: Array
+    """Where its end is [m]."""
+    speed: Array
+    """How that moves [m/s]."""
+    torque: Array
+    """That it gives [Nm]."""
+    stiffness: float
+    """[N/m]"""
+    time: float
+    """Damping over stiffness [s]."""
+    most: float
+    """The largest pull [N]."""
+    upright: bool
+    """Its end is above the pad wherever that is."""
 
 
 class SuctionLifter:
@@ -34,17 +69,14 @@ class SuctionLifter:
         self._settings, self._rng = settings, rng
         pad = balance_program(scene).lifter
         at_rest, per_pull = (pad.grip_at_rest, pad.grip_per_pull) if isinstance(pad, SuctionPad) else (0.0, 0.0)
-        self._arm = cup.T_plate_cup[:3, 3] - scene.plate.com
-        """(3,) of the pad's centre from the plate's centre of mass, plate axes [m]."""
-        self._axes = cup.T_plate_cup[:3, :3].copy()
-        """(3, 3) of the cup in the plate's axes; it pulls against its z."""
         bending = math.pi * cup.radius * cup.kappa / math.sqrt(2.0)
         factor, self._radius = contact.friction_factor, cup.radius
-        self._limits = np.array([factor * at_rest, factor * per_pull, bending, cup.radius])
-        """Friction across the pad without a pull [N], what a pull adds to it [1], torque that it bears about its x and
-        y [Nm], its radius [m]."""
-        self._cable = scene.lifter_model == "cable"
-        """Whether it hangs on a cable, which pulls straight up and holds no torque."""
+        self._pad = _Pad(
+            cup.T_plate_cup[:3, 3] - scene.plate.com,
+            cup.T_plate_cup[:3, :3].copy(),
+            np.array([factor * at_rest, factor * per_pull, bending, cup.radius]),
+            scene.lifter_model == "cable",
+        )
         self.limit = cup.max_force
         """[N]"""
         self.stiffness = settings.stiffness(cup.max_force)
@@ -64,7 +96,7 @@ class SuctionLifter:
 
     def place(self, plate: Motion) -> Array:
         """Return the pad's place (3,), world."""
-        return plate[3] + plate[:3] @ self._arm
+        return plate[3] + plate[:3] @ self._pad.arm
 
     def give(self, wrench: Array, point: Array, velocity: Array, plate: Motion, step: float) -> Array:
         """Act as the force source for one step and return the (6,) wrench on the plate about its centre of mass.
@@ -80,10 +112,9 @@ class SuctionLifter:
         decay = math.exp(-step / s.error_time)
         self._error = decay * self._error + s.error * math.sqrt(1.0 - decay * decay) * self._rng.standard_normal()
         exerted, given = np.zeros(6), np.zeros(3)
-        self.pull = _given(
-            plate, self._arm, self._axes, self._limits, wrench, self._error, point, velocity, self._source,
-            self._cable, exerted, given,
-        )  # fmt: skip
+        self.pull = _pull_of_source(
+            plate, self._pad, wrench, self._error, point, velocity, self._source, exerted, given
+        )
         self.force = given
         return exerted
 
@@ -96,9 +127,20 @@ class SuctionLifter:
         assert self._hung is not None
         force0, place0, torque = self._hung
         risen, rises = np.array([[0.0, 0.0, height], [0.0, 0.0, speed]])
-        head = place0 + risen, rises, torque
-        spring = self.stiffness, self._settings.damping_time, math.inf
-        wrench, excess = self._pull(plate, force0, head, spring, upright=self._cable)
+        spring = _Spring(
+            force0,
+            place0 + risen,
+            rises,
+            torque,
+            self.stiffness,
+            self._settings.damping_time,
+            math.inf,
+            upright=self._pad.cable,
+        )
+        # Into arrays that are there: returned ones cost more than the algebra.
+        wrench, given, excess = np.zeros(6), np.zeros(3), np.zeros(3)
+        self.pull = _pull_of_spring(plate, self._pad, spring, wrench, given, excess)
+        self.force = given
         force0 -= excess
         self.slid += math.sqrt(excess @ excess) / self.stiffness
         return wrench
@@ -116,37 +158,16 @@ class SuctionLifter:
             return "the cup slid off its place on the plate"
         return None
 
-    def _pull(
-        self,
-        plate: Motion,
-        force: Array,
-        head: tuple[Array, Array, Array],
-        spring: tuple[float, float, float],
-        *,
-        upright: bool,
-    ) -> tuple[Array, Array]:
-        # Into arrays that are there: returned ones cost more than the algebra.
-        wrench, given, excess = np.zeros(6), np.zeros(3), np.zeros(3)
-        self.pull = _pulled(
-            plate, self._arm, self._axes, self._limits, force, *head, *spring, upright, self._cable,
-            wrench, given, excess,
-        )  # fmt: skip
-        self.force = given
-        return wrench, excess
-
 
 @njit(cache=True, nogil=True)
-def _pulled(  # noqa: C901, PLR0913 - one compiled pass
-    plate, pad_arm, axes, limits, force, point, speed, torque, stiffness, time, most, upright, cable,
-    wrench, given, excess,
-):  # fmt: skip
+def _pull_of_spring(plate, pad, spring, wrench, given, excess):  # noqa: C901 - one compiled pass
     """Return the pull; add the (6,) wrench on the plate about its centre of mass, the force in it, and what slid away.
 
-    The plate moves as `Motion` says. What pulls is said in `SuctionLifter`; `force` (3,) is where its spring is at rest
-    [N], `point`, `speed` and `torque` (3,) where the spring has its end, how that moves, and the torque that it gives,
-    `stiffness`, `time` and `most` its stiffness [N/m], damping over that [s], and largest pull [N]. `upright`: the head
-    is above the pad wherever that is. `wrench` (6,), `given` (3,) and `excess` (3,) are zeros, which are written to.
+    The plate moves as `Motion` says; a `_Spring` pulls at a `_Pad`. `wrench` (6,), `given` (3,) and `excess` (3,) are
+    zeros, which are written to.
     """
+    pad_arm, axes, limits, cable = pad
+    force, point, speed, torque, stiffness, time, most, upright = spring
     R, com, velocity, spin = plate[:3], plate[3], plate[4], plate[5]
     at_rest, per_pull, bending, radius = limits
     arm, asked, outward = np.empty(3), np.empty(3), np.empty(3)
@@ -194,13 +215,13 @@ def _pulled(  # noqa: C901, PLR0913 - one compiled pass
 
 
 @njit(cache=True, nogil=True)
-def _given(  # noqa: PLR0913 - one compiled pass
-    plate, pad_arm, axes, limits, wrench, error, point, speed, source, cable, exerted, given
+def _pull_of_source(  # noqa: PLR0913 - one compiled pass
+    plate, pad, wrench, error, point, speed, source, exerted, given
 ):
     """Return the pull of the force source, see `SuctionLifter.give`; write the wrench and the force in it.
 
     `wrench` (6,) is planned and exerted with this relative `error`; `source` (4,) is the cup's largest force [N], the
-    stiffness that it has from a fifth of that on, and `time` and `most`. The rest is as in `_pulled`.
+    stiffness that it has from a fifth of that on, and `time` and `most`. The rest is as in `_pull_of_spring`.
     """
     limit, stiffness, time, most = source
     force, excess = np.empty(3), np.zeros(3)
@@ -208,10 +229,8 @@ def _given(  # noqa: PLR0913 - one compiled pass
         force[i] = (1.0 + error) * wrench[i]
     size = math.sqrt(wrench[0] * wrench[0] + wrench[1] * wrench[1] + wrench[2] * wrench[2])
     loaded = min(1.0, size / (0.2 * limit))
-    return _pulled(
-        plate, pad_arm, axes, limits, force, point, speed, wrench[3:], loaded * stiffness, time, most, False, cable,
-        exerted, given, excess,
-    )  # fmt: skip
+    spring = _Spring(force, point, speed, wrench[3:], loaded * stiffness, time, most, False)
+    return _pull_of_spring(plate, pad, spring, exerted, given, excess)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
 import shutil
@@ -12,11 +11,11 @@ import threading
 import time
 import uuid
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import sqlalchemy as sa
 import structlog
@@ -68,6 +67,15 @@ class _KeptBeside(BaseModel):
     """None: the cell was posted to a version that did not keep them."""
 
 
+class CellFindings(SurveyFigures, _KeptBeside):
+    """What was found in a cell when it was posted."""
+
+    @classmethod
+    def of(cls, figures: SurveyFigures, notes: Iterable[str], limits: CellLimits) -> Self:
+        """Put them together; the arguments are as `_KeptBeside` says."""
+        return cls(**dict(figures), notes=tuple(notes), limits=limits)
+
+
 _COLUMNS: list[sa.ColumnElement[Any]] = [column for column in CELLS.c if column.name not in ("zip", "figures")]
 log = structlog.get_logger(__name__)
 
@@ -82,22 +90,13 @@ class CellStore:
         self._limits: dict[str, CellLimits | None] = {}
         """By id; None: it cannot be loaded. Of all that was asked for: a cell never changes, and they are small."""
 
-    def add(
-        self,
-        bundle: CellBundle,
-        figures: SurveyFigures,
-        limits: CellLimits,
-        owner: str | None,
-        notes: Sequence[str] = (),
-    ) -> tuple[StoredCell, bool]:
+    def add(self, bundle: CellBundle, findings: CellFindings, owner: str | None) -> tuple[StoredCell, bool]:
         """Keep a cell, as the next version of its name.
 
         Args:
             bundle: the cell.
-            figures: what it can do.
-            limits: what its tasks must keep within.
+            findings: what was found in it.
             owner: whose it is.
-            notes: what whoever asks for it is told of it.
 
         Returns:
             The cell, and whether this has added it. What the same owner posted before is found again, is there again if
@@ -112,15 +111,14 @@ class CellStore:
         version = sa.select(sa.func.coalesce(sa.func.max(CELLS.c.version), 0) + 1).where(
             CELLS.c.name == bundle.name, CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner
         )
-        beside = _KeptBeside(notes=tuple(notes), limits=limits)
         row = {
             "id": cell_id,
             "created_us": now_us(),
             "owner": owner,
             "name": bundle.name,
             "version": version.scalar_subquery(),
-            "hash": figures.hash,
-            "figures": json.dumps({**figures.model_dump(mode="json"), **beside.model_dump(mode="json")}),
+            "hash": findings.hash,
+            "figures": findings.model_dump_json(),
             "zip": bundle.zip(),
         }
         while True:
@@ -137,15 +135,10 @@ class CellStore:
         found = self._database.rows(sa.select(*_COLUMNS).where(CELLS.c.id == cell_id))
         return _stored(found[0]) if found else None
 
-    def figures(self, cell_id: str) -> SurveyFigures | None:
-        """Return what a cell can do, as it was found when it was posted."""
+    def findings(self, cell_id: str) -> CellFindings | None:
+        """Return what was found in a cell when it was posted."""
         text = self._database.scalar(sa.select(CELLS.c.figures).where(CELLS.c.id == cell_id))
-        return None if text is None else SurveyFigures.model_validate_json(text)
-
-    def notes(self, cell_id: str) -> tuple[str, ...]:
-        """Return what was noted when a cell was posted."""
-        text = self._database.scalar(sa.select(CELLS.c.figures).where(CELLS.c.id == cell_id))
-        return () if text is None else _KeptBeside.model_validate_json(text).notes
+        return None if text is None else CellFindings.model_validate_json(text)
 
     def limits(self, cell_ids: Collection[str]) -> dict[str, CellLimits]:
         """Return the limits of cells, by id; what cannot be loaded any more is left out."""

@@ -299,21 +299,6 @@ class PlanStore:
         self._database = database
         self._jobs = workflow_table(database.engine.dialect.name)
 
-    def accept(
-        self,
-        task: Mapping[str, Any],
-        idempotency_key: str | None,
-        queue: JobQueue,
-        owner: str | None = None,
-        order: JobOrder = NO_ORDER,
-        sent_fingerprint: str | None = None,
-    ) -> PlanRecord:
-        """Store one task and enqueue its job, as `accept_all` does, however many jobs there are."""
-        submission = Submission.of(task, owner, order, idempotency_key, sent_fingerprint)
-        (accepted,) = self.accept_all([submission], queue)
-        assert isinstance(accepted, Accepted)
-        return accepted.record
-
     def accept_all(
         self, submissions: Sequence[Submission], queue: JobQueue, room: Room | None = None
     ) -> list[Accepted | NoRoom]:

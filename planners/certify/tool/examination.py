@@ -11,12 +11,12 @@ from planners.certify.common.scene import cell_checks
 from planners.certify.common.segments import SUCTION_TOOL, join_checks, joint_checks, kind_check
 from planners.certify.evidence import Evidence
 from planners.certify.motion.collision import CollisionCheck
-from planners.certify.tool.course import ToolCourse
 from planners.certify.tool.goals import goal_checks
 from planners.certify.tool.infeasibility import tool_infeasibility_check
 from planners.certify.tool.loads import carried_forces, carrying_check, cup_hold_checks
 from planners.certify.tool.standing import standing_check
 from planners.certify.tool.task import TOOL, ToolTask, tool_bodies_check
+from planners.certify.tool.tool_states import ToolStates
 from planners.certify.tool.touch import ToolContactPlaces, tool_attachment_checks, tool_touch_rule
 from planners.contract.task_spec import SuctionToolTask
 from planners.plan.verdicts import Check
@@ -45,8 +45,8 @@ class ToolExamination:
     def motion(self) -> list[Check]:
         """Check everything that happens."""
         evidence, task, plan = self._evidence, self._task, self._evidence.plan
-        course, limits = ToolCourse(evidence), task.carry_limits(plan)
-        steps = course.steps
+        states, limits = ToolStates(evidence), task.carry_limits(plan)
+        steps = states.steps
         carried = list(carried_forces(evidence, steps))
         collision = CollisionCheck(
             plan, evidence.solids, lambda segment: tool_touch_rule(plan, steps, segment.index), evidence.settings
@@ -55,7 +55,7 @@ class ToolExamination:
             *joint_checks(evidence),
             kind_check(evidence, SUCTION_TOOL),
             *join_checks(evidence, task.stated.start_positions),
-            *course.checks(),
+            *states.checks(),
             standing_check(evidence, steps),
             *tool_attachment_checks(evidence, steps),
             *hold_checks(evidence),

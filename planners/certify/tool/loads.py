@@ -15,8 +15,8 @@ from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.motion.segment_motion import SegmentMotion
 from planners.certify.plan_view import NumberedSegment, PlanView
-from planners.certify.tool.course import CourseStep
 from planners.certify.tool.task import TOOL
+from planners.certify.tool.tool_states import StateChange
 from planners.geometry.pose import Array
 from planners.plan.verdicts import Check
 
@@ -24,7 +24,7 @@ _SWITCHING = ("attach", "detach")
 """Kinds in which what is on the cup is still borne by what it stands on: what the cup bears is not determined."""
 
 
-def carried_forces(evidence: Evidence, steps: Sequence[CourseStep]) -> Iterator[tuple[NumberedSegment, str, Array]]:
+def carried_forces(evidence: Evidence, steps: Sequence[StateChange]) -> Iterator[tuple[NumberedSegment, str, Array]]:
     """Yield what each hand carries alone: segment, arm and (n,) net forces [N].
 
     Two hands are asked for no more than their contacts show.
@@ -57,14 +57,14 @@ def _needed_force(plan: PlanView, motion: SegmentMotion, name: str) -> Array:
     return -(body.mass * plan.cell.gravity + InertialLoad.of(body, body.mass, motion).forces)
 
 
-def cup_hold_checks(evidence: Evidence, steps: Sequence[CourseStep], known: StatedCup | None) -> list[Check]:
+def cup_hold_checks(evidence: Evidence, steps: Sequence[StateChange], known: StatedCup | None) -> list[Check]:
     """Check the cup's limits (5f)-(5h) wherever an object is on it.
 
     An object in the air hangs on the cup alone: its weight and inertia say what the cup exerts.
 
     Args:
         evidence: of the document.
-        steps: the course of each segment.
+        steps: the states before and after each segment.
         known: the cup; None: believed as the first contact with an object states it.
     """
     force, moment = Finding("cup_hold", "N"), Finding("cup_hold_moment", "Nm")

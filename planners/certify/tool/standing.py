@@ -19,8 +19,8 @@ from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.level_contacts import LevelFaces, contact_points
 from planners.certify.plan_view import BodyView, PlanView
-from planners.certify.tool.course import CourseStep, ToolState
 from planners.certify.tool.task import TOOL
+from planners.certify.tool.tool_states import StateChange, ToolState
 from planners.geometry.pose import Array, Transform
 from planners.plan.verdicts import Check
 
@@ -31,7 +31,7 @@ _MOVES = 1e-9
 """Dual value below which a body has no part in a fall [1]."""
 
 
-def standing_check(evidence: Evidence, steps: Sequence[CourseStep]) -> Check:
+def standing_check(evidence: Evidence, steps: Sequence[StateChange]) -> Check:
     """Check that what is in no hand and on no cup stands: at the start, and once hand or cup took or left something."""
     plan, finding = evidence.plan, Finding("standing", "m")
     piles = _Piles(plan, evidence.settings.contact_distance)

@@ -16,8 +16,8 @@ from planners.certify.geometry.vectors import angle, length
 from planners.certify.motion.collision import TouchRule, holds_around
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion
 from planners.certify.plan_view import PlanView
-from planners.certify.tool.course import CourseStep
 from planners.certify.tool.task import TOOL
+from planners.certify.tool.tool_states import StateChange
 from planners.geometry.pose import Array, frame_from_z
 from planners.plan.contacts import BearingContact, EnvironmentContact, SuctionContact
 from planners.plan.verdicts import Check
@@ -79,7 +79,7 @@ class ToolContactPlaces(ContactPlaceChecks):
         self._normals.note(self._settings.pad_slant - float(least.max()), where)
 
 
-def tool_touch_rule(plan: PlanView, steps: list[CourseStep], index: int) -> TouchRule:
+def tool_touch_rule(plan: PlanView, steps: list[StateChange], index: int) -> TouchRule:
     """Pads and fingers may touch the tool that they hold, the cup its object, bodies at rest what carries them.
 
     In the motion before the vacuum goes on, and after it went off, the cup comes to the object or leaves it. A body
@@ -101,7 +101,7 @@ def tool_touch_rule(plan: PlanView, steps: list[CourseStep], index: int) -> Touc
     return TouchRule(gripped, frozenset(), rests | sucked)
 
 
-def tool_attachment_checks(evidence: Evidence, steps: list[CourseStep]) -> list[Check]:
+def tool_attachment_checks(evidence: Evidence, steps: list[StateChange]) -> list[Check]:
     """Check drift and turn of attached bodies, what may be attached to what, and bodies at rest."""
     finding = Finding("attachment_rules", "1")
     for step in steps:
@@ -110,7 +110,7 @@ def tool_attachment_checks(evidence: Evidence, steps: list[CourseStep]) -> list[
     return [*drift_checks(evidence), finding.check(), carried]
 
 
-def _rules(step: CourseStep, finding: Finding) -> None:
+def _rules(step: StateChange, finding: Finding) -> None:
     segment, where = step.segment, step.segment.place()
     attached = {(body, ride.to) for body, ride in segment.rides}
     finding.require(len(attached) == len(segment.rides), where, "a body is attached twice to the same")

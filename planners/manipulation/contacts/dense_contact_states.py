@@ -133,7 +133,7 @@ class RestingPlate:
     """A plate that lies flat: what its poses are measured from.
 
     Raises:
-        LiftwrightError: if the pose is not flat within 1e-9 rad (`rest_pose` makes it so).
+        LiftwrightError: if the pose is not flat within 1e-9 rad (`settled` makes it so).
     """
 
     shape: ConvexPrism
@@ -145,7 +145,7 @@ class RestingPlate:
     def __post_init__(self) -> None:
         tilted = np.abs(self.T_world_plate[:3, 2] - [0.0, 0.0, 1.0])
         if np.max(tilted) > _FLAT:
-            raise LiftwrightError("the plate at rest is not flat; take its pose from `rest_pose`")
+            raise LiftwrightError("the plate at rest is not flat; take its pose from `settled`")
 
     @property
     def support_height(self) -> float:
@@ -264,6 +264,7 @@ class PlateMotion:
         return min(self.plate.shape.polyhedron.vertex_indices(element))
 
     def _com_xy(self, pose: PlatePose) -> Array:
+        """Return the centre of mass (2,) at a pose, seen from above [m, world]."""
         return self.plate.com_world(pose.T_world_plate)[:2]
 
 
@@ -291,7 +292,7 @@ class DenseContactStateGraph:
         Args:
             shape: the plate.
             com: (3,) centre of mass in the plate's frame [m].
-            T_world_plate: the pose at rest, exactly flat (see `rest_pose`).
+            T_world_plate: the pose at rest, exactly flat (see `settled`).
             sampling: densities and thresholds.
 
         Raises:
@@ -335,6 +336,7 @@ class DenseContactStateGraph:
 
     @cached_property
     def _travels(self) -> Array:
+        """(edges,) `travel` of every edge [m]."""
         T = np.array([pose.T_world_plate for pose in self.poses])
         corners = self.plate.shape.polyhedron.vertices @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
         ways = corners[self.edges[:, 0]] - corners[self.edges[:, 1]]
@@ -385,6 +387,7 @@ def _layers(shape: ConvexPrism, sampling: ContactSampling) -> list[float]:
 
 
 def _contact_samples(plate: RestingPlate, element: Element, tilts: Array) -> list[PlatePose]:
+    """Sample the contact of an element of the plate at tilts (m, 2), see `RestingPlate.pivoted`."""
     contact = PrincipalContact(element, ENVIRONMENT_FACE)
     vertices = sorted(plate.shape.polyhedron.vertex_indices(element))
     points = plate.shape.bottom_vertices[vertices]
@@ -423,7 +426,7 @@ def _lifted_samples(plate: RestingPlate, sampling: ContactSampling) -> list[Plat
 
 
 def _polar(radii: Array, azimuths: Array) -> Array:
-    """Return (r · a, 2) vectors of every radius at every azimuth."""
+    """Return (r · a, 2) vectors of every radius (r,) at every azimuth (a,) [rad], in the unit of the radii."""
     directions = np.column_stack([np.cos(azimuths), np.sin(azimuths)])
     return (radii[:, None, None] * directions[None, :, :]).reshape(-1, 2)
 
@@ -436,7 +439,7 @@ def _thresholds(shape: ConvexPrism, sampling: ContactSampling) -> tuple[float, f
 def _edges(
     plate: RestingPlate, contacts: ContactStateGraph, poses: tuple[PlatePose, ...], thresholds: tuple[float, float]
 ) -> NDArray[np.int64]:
-    """Join the poses of equal or related contacts that are closer than both thresholds."""
+    """Return the pairs (edges, 2) of poses of equal or related contacts that are closer than both `_thresholds`."""
     T = np.array([pose.T_world_plate for pose in poses])
     com = plate.com_world(T)
     number = {contact: index for index, contact in enumerate(contacts.contacts)}

@@ -167,7 +167,7 @@ class _NodeKey:
     push: HandHold | None
 
     def are(self, graph: ManipulationStateGraph, nodes: NDArray[np.int32]) -> NDArray[np.bool_]:
-        """Return which of some nodes (...,) are it, or parts of it."""
+        """Return (...,) which of some nodes (...,), by number, are it, or parts of it."""
         return (
             (graph.node_pose[nodes] == self.pose)
             & _holds_within(graph.grips, self.grip)[graph.node_grip[nodes]]
@@ -234,6 +234,7 @@ def _apply(failure: GraphFailure, graph: ManipulationStateGraph) -> int:
 
 
 def _kill(graph: ManipulationStateGraph, edges: NDArray[np.int64]) -> int:
+    """Have edges (k,) dead, and return how many were not before."""
     dead = graph.knowledge.edge_dead
     fresh = int((~dead[edges]).sum())
     dead[edges] = True
@@ -241,7 +242,7 @@ def _kill(graph: ManipulationStateGraph, edges: NDArray[np.int64]) -> int:
 
 
 def _numbers(graph: ManipulationStateGraph, hand: Hand) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the nodes' hold numbers of a hand, and of the other."""
+    """Return the numbers (nodes,) of the holds of a hand, and of the other; 0 is the absent hand."""
     return (graph.node_grip, graph.node_push) if hand == "grip" else (graph.node_push, graph.node_grip)
 
 

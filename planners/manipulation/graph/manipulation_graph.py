@@ -137,6 +137,7 @@ class ManipulationStateGraph:
         """Return the nodes (n,) of poses with numbers of holds (n,); -1 where there is none, or a number is -1."""
 
         def keys(pose: NDArray[np.int32], grip: AnyNumbers, push: AnyNumbers) -> NDArray[np.int64]:
+            """One number (n,) for each of poses and holds (n,), in the order of all three."""
             return (pose.astype(np.int64) * (len(self.grips) + 1) + grip) * (len(self.pushes) + 1) + push
 
         # Nodes are in this order.
@@ -175,7 +176,7 @@ def edge_count(
     postures: tuple[NDArray[np.uint64], NDArray[np.uint64]],
     ruled_out: NDArray[np.bool_] | None = None,
 ) -> int:
-    """Count the edges that `build_graph` would make, without making them."""
+    """Count the edges that `build_graph` would make, without making them; arguments are its own."""
     candidate = _candidates(*holds, *postures, ruled_out)
     transfers = sum(int(np.count_nonzero(candidate[i] & candidate[j])) for i, j in poses.edges)
     pairs = candidate[:, 1:, 1:]
@@ -288,6 +289,7 @@ def _transit_edges(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArra
     push_alone = np.broadcast_to(number[:, :1, 1:], pairs.shape)
 
     def with_a_pair(alone: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Join nodes (poses, grips, pushes) of one hand to those of both hands, where both are there: (E, 2)."""
         there = (pairs >= 0) & (alone >= 0)
         return np.column_stack([alone[there], pairs[there]])
 

@@ -129,7 +129,10 @@ class NodeExaminer:
     def _exerting(
         self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced
     ) -> Iterator[tuple[Transform, Array, Hand, HandHold, Array]]:
-        """Yield of each hand: plate, centre of mass, hand, hold, and the wrench about that centre."""
+        """Yield of each hand: plate (4, 4), its centre of mass (3,), hand, hold, and the wrench (6,) about that centre.
+
+        All in world axes [m, N, Nm].
+        """
         T_world_plate = self.graph.poses.poses[pose].T_world_plate
         com = T_world_plate[:3, :3] @ self.balance.balance.com + T_world_plate[:3, 3]
         wrenches = rotated(T_world_plate[:3, :3], answer.hand_wrenches)
@@ -153,5 +156,5 @@ def hands_of(grip: HandHold | None, push: HandHold | None) -> HandPair:
 
 
 def _rows(holds: tuple[HandHold, ...]) -> NDArray[np.int64]:
-    """Map hold numbers (0: absent) to rows of the balance tables."""
+    """Return the rows (1 + holds,) that hold numbers (0: absent) have in the balance tables."""
     return np.array([0, *(hold.index + 1 for hold in holds)])

@@ -171,7 +171,11 @@ def _stations(plate: ConvexPrism, jaw: Jaw, sampling: GripSampling, reach: float
 
 
 def _level_grip(index: int, position: Array, approach: Array, height: float) -> PlateGrip:
-    """Assemble a grip in the plate's plane, fingers on top and bottom."""
+    """Assemble a grip in the plate's plane, fingers on top and bottom.
+
+    It is at `position` (3,) [m] with the hand's z along `approach` (3,), both in the plate frame; `height` is the
+    plate's [m].
+    """
     opening = np.array([0.0, 0.0, 1.0])
     T_plate_tcp = transform(np.column_stack([np.cross(opening, approach), opening, approach]), position)
     points = np.array([position - 0.5 * height * opening, position + 0.5 * height * opening])

@@ -198,7 +198,7 @@ def _push(index: int, contact: _Contact, tip_radius: float, rolls: int) -> Plate
 
 
 def _square_hint(axis: Array) -> Array:
-    """Return the plate's z, or its x for a stick along z."""
+    """Return the plate's z (3,), or its x for a stick whose axis (3,) is along z; plate frame."""
     return _UP if abs(axis[2]) < 0.99 else np.array([1.0, 0.0, 0.0])
 
 

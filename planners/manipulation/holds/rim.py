@@ -85,7 +85,10 @@ def rim_stations(outline: Array, reference_count: int, patch: RimPatch, reach: f
 
 
 def _places(outline: Array, usable: Array, ends: Array, count: int) -> Array:
-    """Return sorted coordinates along the joined usable rim: even, and symmetric about the plate's +x direction.
+    """Return sorted coordinates (count,) along the joined usable rim [m]: even, and symmetric about the plate's +x.
+
+    Of an outline (k, 2) in the plate's axes, `usable` has the intervals (k, 2) on its sides [m], and `ends` (k,) where
+    these end when they are joined [m].
 
     A station sits there or half a step beside: whichever keeps the stations farther from where the rim is interrupted.
     """
@@ -100,12 +103,12 @@ def _places(outline: Array, usable: Array, ends: Array, count: int) -> Array:
 
 
 def _gap(places: Array, others: Array) -> float:
-    """Return the smallest distance between a place and one of the others."""
+    """Return the smallest distance between a place (n,) and one of the others (m,) along a line [m]."""
     return float(np.abs(places[:, None] - others[None, :]).min())
 
 
 def _anchor(outline: Array, usable: Array, ends: Array) -> float:
-    """Return the coordinate along the usable rim of the rim's point in +x direction from the centroid."""
+    """Return where the rim's point in +x direction from the centroid is along the usable rim [m]; see `_places`."""
     centre = centroid(outline)
     normals = inward_normals(outline)
     depths = np.sum((centre - outline) * normals, axis=1)
@@ -141,5 +144,6 @@ def _usable(outline: Array, side: int, patch: RimPatch) -> tuple[float, float]:
 
 
 def _station(outline: Array, side: int, place: float) -> RimStation:
+    """Return the station at a place on a side of an outline (k, 2) [m from its first corner, plate axes]."""
     along = side_directions(outline)[side]
     return RimStation(side, outline[side] + place * along, along, inward_normals(outline)[side])

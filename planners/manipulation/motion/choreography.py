@@ -284,6 +284,7 @@ class _Run:
         joints = self.workcell.joints(arm)
 
         def at(s: Array) -> Array:
+            """Joint positions (n, 12) after ways (n,) [m]."""
             carriers = np.repeat(start[None], len(s), axis=0)
             carriers[:, :3, 3] += (s / way)[:, None] * (end[:3, 3] - start[:3, 3])
             return among_all(self.state.q, joints, track.exact(carriers, interpolated(coarse, s / way)))
@@ -313,6 +314,7 @@ class _Run:
             return motion.poses(s if forth else 1.0 - s)
 
         def at(s: Array) -> Array:
+            """Joint positions (n, 12) at shares (n,) of the motion."""
             plates, Q = poses(s), np.repeat(self.state.q[None], len(s), axis=0)
             for arm, track in tracks.items():
                 Q[:, self.workcell.joints(arm)] = track.exact(plates, interpolated(coarse[arm], s))
@@ -337,7 +339,7 @@ class _Run:
     def _sets_in_motion(
         self, motion: PlateMotion, T_world_plate: Array, ends: tuple[int, int]
     ) -> tuple[BalancedContacts, ...]:
-        """Balance the plate at both ends, in their own contacts, and often enough in between."""
+        """Balance the plate at both ends, in their own contacts, and often enough of its poses (n, 4, 4) in between."""
         hands = self._hands()
         chosen = [BalancedContacts(0, self._balanced(self.balance_at(ends[0], hands)))]
         last = len(T_world_plate) - 1
@@ -379,7 +381,11 @@ class _Run:
         support: tuple[PrincipalContact, Array],
         sets: tuple[BalancedContacts, ...],
     ) -> None:
-        """Append a segment, or get stuck where a joint would need too much torque in it."""
+        """Append a segment, or get stuck where a joint would need too much torque in it.
+
+        `T_world_plate` has the plate's pose (n, 4, 4) at every sample, `support` the contact and its points (k, 3) in
+        the plate frame [m].
+        """
         for each in sets:
             rejection = self.plan.torques.refusal(trajectory, each.sample, T_world_plate[each.sample], each.balance)
             if rejection is not None:
@@ -449,7 +455,7 @@ def _corner_speed(poses: Callable[[Array], Array], corners: Array, s: Array) -> 
 
 
 def _at_rest(time: Array, pause: float) -> Iterator[int]:
-    """Yield the first sample, the last, and in between the farthest ones that are no longer than a pause apart."""
+    """Yield the first of samples (n,), the last, and between them the farthest at most a pause apart [s]."""
     sample, last = 0, len(time) - 1
     while sample < last:
         yield sample

@@ -42,6 +42,7 @@ class PhaseTrack:
         reach, hold = follower.hand(phase.hand), phase.hold.index
 
         def carriers(place: int) -> Array:
+            """The hand's carriers (n, 4, 4) on its straight way to the plate, at a place of the sequence."""
             T_world_plate = follower.poses.poses[sequence.poses[place]].T_world_plate
             return follower.approach_carriers(T_world_plate, phase.hand, hold)
 
@@ -90,6 +91,6 @@ class PhaseTrack:
 
 
 def _continued(reach: HandReach, T_world_carriers: Array, hold: int, posture: int, last: Array) -> Array:
-    """Follow a posture from joint positions that it is at already."""
+    """Follow a posture along carriers (n, 4, 4) from joint positions (6,) that it is at already: (n, 6) [rad]."""
     along = reach.follow(T_world_carriers, hold, posture)
     return along + np.rint((last - along[0]) / _TURN) * _TURN

@@ -50,6 +50,7 @@ class ReachMemory:
         return first, second
 
     def _of_hand(self, workcell: LiftWorkcell, arm: str, hand: HandReach, T_world_plates: Array) -> NDArray[np.uint64]:
+        """Return the (poses, holds) sets of postures of a hand at plate poses (poses, 4, 4), as the pair has them."""
         alone, hand_only = workcell.without_other(arm), workcell.hand_without_other(arm)
         without = replace(
             hand,
@@ -68,6 +69,7 @@ class ReachMemory:
     def _columns(
         self, key: bytes, hand: HandReach, T_world_plates: Array, among: NDArray[np.uint64] | None
     ) -> NDArray[np.uint64]:
+        """Return what `HandReach.postures` does, of which each hold's column is looked for once under a key."""
         known = self._known.setdefault(key, {})
         self._known.move_to_end(key)
         while len(self._known) > _MOST_SURROUNDINGS:

@@ -200,6 +200,7 @@ class HoldBalance:
             self.telling_proofs.append(proof)
 
     def _twist_tables(self, rotations: Array, points: Sequence[Array]) -> tuple[TwistTable, ...]:
+        """Return tables of both programs for poses (n, 3, 3), each with contact points (k, 3) [m, plate frame]."""
         return tuple(
             TwistTable(program, rotations, points, self.grips, self.pushes) for program in (self.balance, self.tolerant)
         )
@@ -240,7 +241,10 @@ class HoldBalance:
     def _refusal_as_stated(
         self, points: Array, contacts: tuple[GripContacts | None, PushContact | None], rotation: Array
     ) -> Unbalanced | None:
-        """Say why the plate as stated is not held with the reserve kept, or None if it is."""
+        """Say why the plate as stated is not held with the reserve kept, or None if it is.
+
+        It is turned by `rotation` (3, 3) and has contact points (k, 3) in the plate frame [m].
+        """
         answer = self.balance.solve(rotation, points, *contacts)
         return answer if isinstance(answer, Unbalanced) else None
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from planners.balance.contacts import Cup, Friction, HandLimits
 from planners.balance.solver import Balance
 from planners.balance.uncertainty import Uncertainty
+from planners.cell.cell import Cell
 from planners.scene.lift_scene import PlateLiftScene
 
 
@@ -52,6 +53,11 @@ def tolerant_program(scene: PlateLiftScene, stated: Balance) -> Balance:
 
 def hand_force_limit(scene: PlateLiftScene) -> HandLimits:
     """Return what the hands may do: what the task asks for, and no more than each arm's payload leaves."""
-    asked, cell = scene.hand_force_limit, scene.cell
-    gripper, pusher = (cell.payload_force(arms[0]) for arms in (cell.gripper_arms, cell.pusher_arms))
+    asked = scene.hand_force_limit
+    gripper, pusher = payload_forces(scene.cell)
     return HandLimits(asked.normal, min(asked.net, gripper), min(asked.net, pusher), scene.squeeze)
+
+
+def payload_forces(cell: Cell) -> tuple[float, float]:
+    """Return what the arms' payloads leave the gripper and the stick of a cell that has one of each [N]."""
+    return cell.payload_force(cell.gripper_arms[0]), cell.payload_force(cell.pusher_arms[0])

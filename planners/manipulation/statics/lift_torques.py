@@ -47,6 +47,7 @@ class LiftTorques:
     def _used(
         self, trajectory: Trajectory, sample: int, T_world_plate: Transform, balance: Balanced
     ) -> list[tuple[str, Array]]:
+        """Return of each arm the share (6,) of its joints' largest torques that a sample uses [1]."""
         scene = self.workcell.scene
         R, p = T_world_plate[:3, :3], T_world_plate[:3, 3]
         com, wrenches = R @ scene.plate.com + p, rotated(R, balance.hand_wrenches)

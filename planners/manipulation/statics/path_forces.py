@@ -164,6 +164,7 @@ def _poses(plan: Plan) -> Iterator[PathPose]:
 
 
 def _held(segment: Segment, sample: int, R: Array, position: Array) -> HeldPlate:
+    """Return how a sample holds the plate, which is turned by R (3, 3), its origin at a position (3,) [m, world]."""
     contacts = [contact for contact in segment.contacts if contact.sample == sample]
     fingers = [each for each in contacts if isinstance(each, SoftFingerContact)]
     fingers.sort(key=lambda each: each.finger or 0)

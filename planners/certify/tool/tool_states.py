@@ -33,7 +33,7 @@ class ToolState:
 
 
 @dataclass(frozen=True)
-class CourseStep:
+class StateChange:
     """One segment, with the states before and after it."""
 
     segment: NumberedSegment
@@ -55,19 +55,19 @@ class CourseStep:
         return bool(self.bearers) if name == TOOL else name in self.on_cup
 
 
-class ToolCourse:
+class ToolStates:
     """Follows a plan, and notes where a hand, the vacuum or a support is not what it must be."""
 
     def __init__(self, evidence: Evidence) -> None:
         """Go through the plan; afterwards `steps` has one entry a segment."""
-        self.settings, self.steps = evidence.settings, list[CourseStep]()
+        self.settings, self.steps = evidence.settings, list[StateChange]()
         self._hands = Finding("hands", "1")
         self._vacuum = Finding("vacuum", "N")
         self._support = Finding("supports", "1")
         state = ToolState(frozenset(), None, start_supports(evidence))
         for motion in evidence.motions:
             after = self._after(motion, state)
-            self.steps.append(CourseStep(motion.segment, state, after))
+            self.steps.append(StateChange(motion.segment, state, after))
             self._check_contacts(self.steps[-1], motion)
             state = after
         for last in evidence.plan.segments[-1:]:
@@ -145,7 +145,7 @@ class ToolCourse:
 
     # The contacts of one segment.
 
-    def _check_contacts(self, step: CourseStep, motion: SegmentMotion) -> None:
+    def _check_contacts(self, step: StateChange, motion: SegmentMotion) -> None:
         hands = step.before.hands | step.after.hands
         still = {name for name, poses in motion.body_poses.items() if np.ptp(poses, axis=0).max() <= self.settings.join}
         for one in motion.contacts:
@@ -162,7 +162,7 @@ class ToolCourse:
             allowed = {contact.by, one.body} <= still
             self._support.require(allowed, one.where, f"rests on {contact.by}, and one of them moves")
 
-    def _empty_cup(self, step: CourseStep, one: BodyContacts) -> None:
+    def _empty_cup(self, step: StateChange, one: BodyContacts) -> None:
         """The cup bears nothing before the vacuum is on, nor after it went off."""
         empty = {"attach": 0, "detach": len(step.segment.time) - 1}.get(step.segment.kind)
         if one.sample != empty:
@@ -172,7 +172,7 @@ class ToolCourse:
                 left = self.settings.force_balance - length(contact.force)
                 self._vacuum.note(left, f"{one.where}: the cup bears something without vacuum")
 
-    def _reactions(self, step: CourseStep, group: Sequence[BodyContacts]) -> None:
+    def _reactions(self, step: StateChange, group: Sequence[BodyContacts]) -> None:
         """What the tool exerts on an object, the object exerts on the tool."""
         sets = {(one.body, one.sample): one for one in group}
         for name in step.on_cup:
