@@ -363,9 +363,8 @@ class LiftSearch:
             failure = PairFailure(grip.hold, push.hold, pose=pose, changing=hand)
             self.failures.add(failure, self.graph)
             in_vain = self.failures.coming_in_vain(failure)
-            if len(in_vain) >= self.settings.stuck_pairs and pose != sequence.poses[0]:
-                # The other hand is not what is in the way, and to try the rest of its holds would take all tries there
-                # are. Where a plan begins, the hand may still be the first that comes.
+            if len(in_vain) >= self.settings.stuck_pairs:
+                # The other hand is hardly what is in the way, and the rest of its holds would take all tries there are.
                 postures = reduce(or_, (each.postures for each in in_vain))
                 self.failures.add(TransitFailure(pose, hand, moving.hold.index, ~postures), self.graph)
         elif place == 0:
