@@ -11,6 +11,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import reduce
+from operator import or_
 
 import numpy as np
 
@@ -360,6 +362,11 @@ class LiftSearch:
         elif grip is not None and push is not None:
             failure = PairFailure(grip.hold, push.hold, pose=pose, changing=hand)
             self.failures.add(failure, self.graph)
+            in_vain = self.failures.coming_in_vain(failure)
+            if len(in_vain) >= self.settings.stuck_pairs:
+                # The other hand is hardly what is in the way, and the rest of its holds would take all tries there are.
+                postures = reduce(or_, (each.postures for each in in_vain))
+                self.failures.add(TransitFailure(pose, hand, moving.hold.index, ~postures), self.graph)
         elif place == 0:
             self.failures.add(LoneTransitFailure(moving.hold, hand), self.graph)
         else:

@@ -47,6 +47,9 @@ class LiftSettings:
     """Choices of postures whose motion is tried before a sequence is given up."""
     sequences: int = 400
     """Sequences that are checked before the planner gives up."""
+    stuck_pairs: int = 16
+    """Holds of the other hand with which a hand may get stuck on its way to or from a hold, at one pose of the plate,
+    before that is given up whatever the other hand does."""
     largest_graph: int = 2_400_000
     """Edges of the graph that fit into 1 GiB of memory: larger samplings are not searched, but thinned."""
     least_thinning: float = 0.25

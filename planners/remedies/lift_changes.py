@@ -75,6 +75,8 @@ _IN_VAIN = 4
 """Other places of one kind that are asked in vain before other kinds have their turn [1]."""
 _SQUEEZES = (1.5, 2.0, 4.0)
 """How much harder the gripper squeezes [1]."""
+_TOLERANCES = (0.5, 0.1)
+"""Shares of the tolerances of mass and centre of mass that are left [1]: nobody knows either exactly."""
 _EDGES = 2
 """Edges of the table that the plate is moved to."""
 _BOARDS = (0.03, 0.05)
@@ -361,7 +363,7 @@ class LiftChanges:
     def _tolerances(self) -> Iterator[TaskChange | None]:
         mass, com = self.task.plate.mass_tolerance, self.task.plate.com_tolerance
         yield from self._of(
-            (_known_better(mass * share, com * share) for share in (0.5, 0.0) if mass or com), forces=True
+            (_known_better(mass * share, com * share) for share in _TOLERANCES if mass or com), forces=True
         )
 
     # Places.

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from dataclasses import replace
+from functools import reduce
+from operator import or_
 from typing import Any
 
 import numpy as np
@@ -9,8 +13,11 @@ import pytest
 from support.documents import cell_of
 
 from planners.errors import PlanningFaultError
+from planners.graph.rejections import Rejection
+from planners.manipulation.graph.failures import Failures, PairFailure
 from planners.manipulation.lift_plan import LiftPlan
 from planners.manipulation.lift_search import LiftSearch
+from planners.manipulation.motion.choreography import Choreographer, StuckStep
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.plan.verdicts import PlanningOutcome
 from tests.manipulation.lift_probe import planner_of, task_body
@@ -62,3 +69,29 @@ def test_a_failure_that_forbids_nothing_is_told_at_once(monkeypatch: pytest.Monk
     with pytest.raises(PlanningFaultError, match="nothing was forbidden"):
         planner.plan()
     assert len(tries) == 1
+
+
+def test_a_hand_that_does_not_come_whatever_the_other_holds_is_not_tried_with_all_its_holds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After so many holds of the other hand, only postures that were never tried at the pose are."""
+    stated, enough, tried = planner_of(task_body("pb1", hold_density=0.5)), 3, defaultdict[Any, list[int]](list)
+    planner = PlateLiftPlanner(stated.scene, replace(stated.settings, stuck_pairs=enough), lambda *_: None)
+
+    def second_hand_stays_away(_: Choreographer, sequence: Any, assignment: object) -> StuckStep:
+        del assignment
+        late = [phase for phase in sequence.phases if phase.first > 0]
+        return StuckStep(Rejection("transit", "no way"), "arrival", late[-1].hand, late[-1].first)
+
+    def watched(failures: Failures, failure: Any, graph: Any) -> int:
+        if isinstance(failure, PairFailure) and failure.coming is not None:
+            before = tried[failure.pose, failure.changing, failure.coming.index]
+            assert len(before) < enough or failure.coming.postures & ~reduce(or_, before)
+            before.append(failure.coming.postures)
+        return added(failures, failure, graph)
+
+    added = Failures.add
+    monkeypatch.setattr(Choreographer, "realise", second_hand_stays_away)
+    monkeypatch.setattr(Failures, "add", watched)
+    planner.plan(explained=False)
+    assert max(len(each) for each in tried.values()) >= enough

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -84,6 +85,17 @@ def test_every_other_model_of_the_lifter_is_tried() -> None:
         changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
         others = [change.patch[0].value for change in changes._lifter()]
         assert sorted([model, *map(str, others)]) == ["cable", "dexnet", "paper"]
+
+
+def test_nobody_is_asked_to_know_a_plate_exactly() -> None:
+    task = posted("ab1")
+    assert isinstance(task, PlateLiftTask)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+    changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+    plates = [task.plate, *(change.applied(task).plate for change in changes._tolerances())]  # type: ignore[union-attr]
+    for before, after in itertools.pairwise(plates):
+        assert 0.0 < after.mass_tolerance < before.mass_tolerance
+        assert 0.0 < after.com_tolerance < before.com_tolerance
 
 
 def test_a_board_under_a_plate_is_as_large_as_it_is() -> None:

@@ -101,6 +101,11 @@ class PairFailure:
     pose: int | None = None
     changing: Hand | None = None
 
+    @property
+    def coming(self) -> HandHold | None:
+        """The hold of the hand that comes or goes; None along a motion."""
+        return None if self.changing is None else self.grip if self.changing == "grip" else self.push
+
     def edges(self, graph: ManipulationStateGraph) -> NDArray[np.int64]:
         """Return the edges (n,) that it kills."""
         if self.motion is not None:
@@ -200,6 +205,20 @@ class Failures:
         """Remember a failure and apply it; return how many edges or nodes it killed."""
         self._failures.append(failure)
         return _apply(failure, graph)
+
+    def coming_in_vain(self, failure: PairFailure) -> list[HandHold]:
+        """Return the hold that cannot come or go at a pose, once for each of the other hand with which that is known.
+
+        It is the same hold each time, but perhaps with other postures.
+        """
+        return [
+            each.coming
+            for each in self._failures
+            if isinstance(each, PairFailure)
+            and each.coming is not None
+            and failure.coming is not None
+            and (each.pose, each.changing, each.coming.index) == (failure.pose, failure.changing, failure.coming.index)
+        ]
 
     def add_unbalanced(self, motion: int, graph: ManipulationStateGraph) -> int:
         """Kill the edges of all holds that are known not to bear the plate along a motion."""
