@@ -51,7 +51,6 @@ class ManyWorkersCase:
     workers: int
     poll_seconds: float
     jobs: int
-    watch_seconds: float = 2.0
     connections: int = 3
     """That each worker may have at most, beside its lock's and the engine's own."""
 
@@ -65,7 +64,6 @@ class ManyWorkersEffort:
         ManyWorkersCase(10, 1.0, 100),
         ManyWorkersCase(30, 1.0, 100),
         ManyWorkersCase(30, 4.0, 100),
-        ManyWorkersCase(100, 10.0, 100, watch_seconds=10.0),
     )
     idle_seconds: float = 15.0
 
@@ -170,7 +168,7 @@ def _workers(case: ManyWorkersCase, folder: Path, server: PostgresServer) -> Ite
     """Run workers until the block ends, and yield the ids of their processes once all have their names."""
     told = {
         "data_dir": folder, "database_url": server.url, "poll_seconds": case.poll_seconds, "worker_slots": 1,
-        "study_slots": 1, "database_connections": case.connections, "watch_seconds": case.watch_seconds,
+        "study_slots": 1, "database_connections": case.connections,
     }  # fmt: skip
     environment = {**os.environ, **{f"LIFTWRIGHT_{name.upper()}": str(value) for name, value in told.items()}}
     command = [sys.executable, "-m", "tests.benchmarks.noop_workers", str(case.workers)]

@@ -181,7 +181,9 @@ def _reckoned(found: Sequence[ManyWorkersFigures]) -> Iterator[str]:
         yield table(head, rows)
     yield (
         f"A worker that has nothing to do takes {100.0 * first.idle.fleet_cores / first.case.workers:.1f} % of a core "
-        f"itself in {_fleet(first)}, and {100.0 * slow.idle.fleet_cores / slow.case.workers:.1f} % in {_fleet(slow)}."
+        f"itself in {_fleet(first)}, and {100.0 * slow.idle.fleet_cores / slow.case.workers:.1f} % in {_fleet(slow)}: "
+        "a hundred that look every 4 s did their jobs on this machine, but wanted all of its cores, so that only those "
+        "were measured."
     )
     yield reckoned_cores(first)
     if slow is not first:
@@ -200,9 +202,7 @@ def reckoned_cores(each: ManyWorkersFigures) -> str:
 
 
 def _fleet(each: ManyWorkersFigures) -> str:
-    usual = WorkerSettings.model_fields["watch_seconds"].default
-    watches = "" if each.case.watch_seconds == usual else f", watching every {each.case.watch_seconds:g} s"
-    return f"{each.case.workers} workers, {each.case.poll_seconds:g} s{watches}"
+    return f"{each.case.workers} workers, {each.case.poll_seconds:g} s"
 
 
 def days_limits(found: Mapping[str, DaysFigures]) -> Iterator[Limit]:
