@@ -13,6 +13,7 @@ import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import compile_path
@@ -429,7 +430,8 @@ def install_error_handlers(app: FastAPI, page: Callable[[ProblemResponse], Respo
     def readable(answered: Callable[[Request, Exception], ProblemResponse]) -> Callable[..., Response]:
         def answer(request: Request, error: Exception) -> Response:
             problem = answered(request, error)
-            return page(problem) if asks_for_a_page(request) else problem
+            navigates = request.method in ("GET", "HEAD") and takes_pages(request.headers)
+            return page(problem) if navigates else problem
 
         return answer
 
@@ -440,9 +442,9 @@ def install_error_handlers(app: FastAPI, page: Callable[[ProblemResponse], Respo
     app.add_exception_handler(Exception, readable(_answer_unknown))
 
 
-def asks_for_a_page(request: Request) -> bool:
-    """Whether it is a browser that goes to an address, for a person who reads what comes."""
-    return request.method in ("GET", "HEAD") and "text/html" in request.headers.get("accept", "")
+def takes_pages(headers: Headers) -> bool:
+    """Whether it is a browser that asks, for a person who reads what comes."""
+    return "text/html" in headers.get("accept", "")
 
 
 def _answer_known(_: Request, error: Exception) -> ProblemResponse:
@@ -496,7 +498,7 @@ def _problems(error: Exception) -> list[Problem]:
     if isinstance(error, NotValid):
         return error.problems
     if isinstance(error, AssetError):
-        return [Problem(each.pointer, each.detail, each.allowed or None, each.file or None) for each in error.faults]
+        return [Problem.of_fault(each) for each in error.faults]
     if isinstance(error, RequestValidationError):
         return [problem_of(fault) for fault in error.errors()]
     if isinstance(error, TargetRefused):

@@ -17,7 +17,7 @@ from starlette.websockets import WebSocketClose
 
 from app.access.authenticator import Authenticator, Credentials
 from app.access.caller import Caller, Scope
-from app.errors import ANSWERED, ForeignPage, KeyNeeded, ScopeNeeded, WrongHost, error_response
+from app.errors import ANSWERED, ForeignPage, KeyNeeded, ScopeNeeded, WrongHost, error_response, takes_pages
 from app.settings import ServiceSettings
 
 LOGIN = "/viewer/login"
@@ -180,7 +180,7 @@ async def _refuse(request: HTTPConnection, method: str, error: Exception, receiv
         # The server makes a 403 of it.
         await WebSocketClose(POLICY_VIOLATION)(request.scope, receive, send)
         return
-    if isinstance(error, KeyNeeded) and method in SAFE and "text/html" in request.headers.get("accept", ""):
+    if isinstance(error, KeyNeeded) and method in SAFE and takes_pages(request.headers):
         response = _to_login(request)
     await response(request.scope, receive, send)
 

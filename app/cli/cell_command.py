@@ -264,7 +264,4 @@ def _note(*notes: Iterable[str]) -> None:
 
 
 def _refuse(error: AssetError, path: Path) -> int:
-    problems = [
-        Problem(each.pointer, each.detail, each.allowed or None, each.file or str(path)) for each in error.faults
-    ]
-    return refuse(problems, str(path))
+    return refuse([Problem.of_fault(each, str(path)) for each in error.faults], str(path))

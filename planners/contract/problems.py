@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Any
+from typing import Any, Self
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from planners.contract.task_spec import KINDS, UNION_TAGS, task_schema
-from planners.errors import LiftwrightError, SceneError
+from planners.errors import AssetFault, LiftwrightError, SceneError
 
 MAX_PROBLEMS = 100
 """More are counted, not listed."""
@@ -35,6 +35,11 @@ class Problem:
     """The valid choices, where they can be listed: values, or the members of the object that has an unknown one."""
     file: str | None = None
     """Of the body, where it holds several: the pointer is one into this file."""
+
+    @classmethod
+    def of_fault(cls, fault: AssetFault, file: str = "") -> Self:
+        """Return what is wrong with a cell's files; of a fault that names no file, `file` is the one."""
+        return cls(fault.pointer, fault.detail, fault.allowed or None, fault.file or file or None)
 
     @property
     def place(self) -> str:

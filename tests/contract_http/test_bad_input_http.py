@@ -1,18 +1,18 @@
-"""Bad bodies: each gets a clear 4xx soon, and the service goes on."""
+"""Bad bodies: each gets a clear 4xx in under a second, and the service goes on."""
 
 from __future__ import annotations
 
 import gzip
 import json
 import socket
+import time
 from typing import Any
 
 import httpx
 import pytest
 from support.service import task
 
-LONGEST_SECONDS = 10.0
-"""Until a bad body is answered, beside other work too."""
+LONGEST_SECONDS = 1.0
 
 BOX = {"type": "box", "size": [0.05, 0.05, 0.05]}
 
@@ -71,8 +71,9 @@ NOT_JSON = {
 
 
 def post(client: httpx.Client, body: bytes, media_type: str | None = "application/json") -> httpx.Response:
-    headers = {"Content-Type": media_type} if media_type else {}
-    answer = client.post("/v1/plans", content=body, headers=headers, timeout=LONGEST_SECONDS)
+    begun = time.perf_counter()
+    answer = client.post("/v1/plans", content=body, headers={"Content-Type": media_type} if media_type else {})
+    assert time.perf_counter() - begun < LONGEST_SECONDS
     if answer.status_code != 202:
         assert answer.headers["Content-Type"] == "application/problem+json"
         assert answer.json()["status"] == answer.status_code
@@ -118,10 +119,11 @@ def test_a_charset_beside_the_media_type_is_no_fault(client: httpx.Client) -> No
 def test_ten_megabytes_are_a_413_with_a_declared_length_and_without(client: httpx.Client) -> None:
     body = json.dumps(task(external_id="x" * 10_000_000)).encode()
     assert post(client, body).status_code == 413
+    begun = time.perf_counter()
     pieces = (body[i : i + 65536] for i in range(0, len(body), 65536))
-    headers = {"Content-Type": "application/json"}
-    answer = client.post("/v1/plans", content=pieces, headers=headers, timeout=LONGEST_SECONDS)
+    answer = client.post("/v1/plans", content=pieces, headers={"Content-Type": "application/json"})
     assert answer.status_code == 413
+    assert time.perf_counter() - begun < LONGEST_SECONDS
 
 
 def test_a_number_beyond_all_bounds_is_no_finite_number(client: httpx.Client) -> None:
