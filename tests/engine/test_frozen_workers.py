@@ -13,6 +13,7 @@ from typing import Any, cast
 import pytest
 import sqlalchemy as sa
 from pydantic import ValidationError
+from support.accepted import accept
 from support.postgres import needs_postgres, running_postgres
 from support.service import task, wait_for
 
@@ -47,7 +48,7 @@ def test_jobs_of_a_frozen_worker_are_taken_over_and_it_learns_of_that(tmp_path: 
             for fleet in (frozen, well):
                 await fleet.start()
                 to_close.callback(fleet.stop)
-            plan = PlanStore(database).accept(task(), None, queue).id
+            plan = accept(PlanStore(database), task(), None, queue).id
             hand_over(database, plan, "frozen")
             await well.look()
             await well.look()
@@ -103,7 +104,7 @@ def test_a_look_asks_no_more_where_many_work_than_where_few_do(tmp_path: Path) -
             asked = []
             for number in range(4):
                 assert to_close.enter_context(closing(AdvisoryLock(database, f"other {number}"))).hold()
-                hand_over(database, PlanStore(database).accept(task(), None, queue).id, f"other {number}")
+                hand_over(database, accept(PlanStore(database), task(), None, queue).id, f"other {number}")
                 with counted(looking) as statements:
                     await takeover.look()
                 asked.append(len(statements))

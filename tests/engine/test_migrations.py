@@ -11,6 +11,7 @@ import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from support.accepted import accept
 from support.old_tables import back_to_the_first_version
 from support.postgres import needs_postgres, running_postgres
 from support.samples import sample
@@ -78,7 +79,7 @@ def told(engine: sa.Engine) -> tuple[int, str]:
 def test_a_database_without_a_version_gets_what_a_new_one_has_and_keeps_its_plans(settings: WorkerSettings) -> None:
     database = open_database(settings)
     new, queue = shape(database.engine), JobQueue(database)
-    plan = PlanStore(database).accept(task(), None, queue)
+    plan = accept(PlanStore(database), task(), None, queue)
     back_to_the_first_version(database.engine)
     queue.close()
     database.close()
