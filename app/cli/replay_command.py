@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from app.cli.export_command import site_cell
 from app.cli.output import BadInput
-from app.viewer.link_meshes import LinkMeshes
+from app.viewer.drawing.link_meshes import LinkMeshes
 from app.viewer.playback import Playback
 from app.viewer.scene_servers import recording_of
 from planners.contract.strict_json import NotJson

@@ -12,12 +12,12 @@ from importlib import resources
 from importlib.metadata import version
 from typing import Any
 
-from app.viewer.camera import RecordedView
-from app.viewer.description import KindDescription, PlanDescription
-from app.viewer.lift_description import LiftDescription
-from app.viewer.plan_scene import Gate
+from app.viewer.description.lift_description import LiftDescription
+from app.viewer.description.plan_description import KindDescription, PlanDescription
+from app.viewer.description.tool_description import ToolDescription
+from app.viewer.drawing.camera import RecordedView
+from app.viewer.drawing.plan_scene import Gate
 from app.viewer.playback import SourceName
-from app.viewer.tool_description import ToolDescription
 from planners.plan.plan import Plan
 from workers.robot.execution_log import ExecutedMotion
 from workers.software import describe_software

@@ -27,15 +27,16 @@ from app.resources.cell_collection import CellCollection
 from app.resources.followers import counted
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
-from app.viewer.body_drawing import EmptyCell, Stage
-from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW, NO_OBSTACLES, PERCEIVED_VIEW, VIEWS, RecordedView, View
-from app.viewer.description import PlanDescription
+from app.viewer.description.perceived_description import PerceivedDescription, describe_perceived
+from app.viewer.description.plan_description import PlanDescription
+from app.viewer.drawing.body_drawing import EmptyCell, Stage
+from app.viewer.drawing.camera import DRAFT_VIEW, FIELD_OF_VIEW, NO_OBSTACLES, PERCEIVED_VIEW, VIEWS, RecordedView, View
+from app.viewer.drawing.link_meshes import FULL, Detail, LinkMeshes
+from app.viewer.drawing.perceived_scene import SceneDrawing
+from app.viewer.drawing.plan_scene import PlanScene
 from app.viewer.editor.draft import DEFAULT_CELLS
 from app.viewer.editor.draft_scene import DraftListener, DraftScene
-from app.viewer.link_meshes import FULL, Detail, LinkMeshes
 from app.viewer.page import RecordedScene, describe_plan, recorded_page
-from app.viewer.perceived_scene import PerceivedDescription, SceneDrawing, describe_perceived
-from app.viewer.plan_scene import PlanScene
 from app.viewer.playback import Playback, SourceName
 from app.work.wanted import StillWanted
 from app.work.workbench import Workbench

@@ -29,9 +29,9 @@ from app.errors import (
 from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
-from app.viewer import perceived_scene, plan_scene
-from app.viewer.camera import VIEWS
-from app.viewer.link_meshes import FULL, LIGHT
+from app.viewer.drawing import perceived_scene, plan_scene
+from app.viewer.drawing.camera import VIEWS
+from app.viewer.drawing.link_meshes import FULL, LIGHT
 from app.viewer.playback import SourceName
 from app.viewer.scene_servers import SceneServer, SceneServers
 from planners.errors import LiftwrightError

@@ -9,7 +9,7 @@ import pytest
 from support.documents import plan_of
 from support.lift_documents import contact, lift, segment, set_curve, simulation
 
-from app.viewer.charts import Chart, Series, marked_spans, planned_charts, simulated_charts
+from app.viewer.description.charts import Chart, Series, marked_spans, planned_charts, simulated_charts
 from planners.geometry.pose import Array
 
 

@@ -18,7 +18,7 @@ from support.plan_shelf import PlanShelf
 from support.samples import sample
 from support.service import ServiceProcess, finished, running_service, task
 
-from app.viewer.camera import DRAFT_VIEW, FIELD_OF_VIEW
+from app.viewer.drawing.camera import DRAFT_VIEW, FIELD_OF_VIEW
 from app.viewer.editor.draft import cell_of
 from planners.cell.cell import load_cell
 from planners.geometry.pose import Array

@@ -14,9 +14,9 @@ import viser
 from scipy.spatial import KDTree
 from support.plan_shelf import PlanShelf
 
-from app.viewer import link_meshes
-from app.viewer.body_drawing import ArmDrawing, Drawings, link_files
-from app.viewer.link_meshes import FULL, LIGHT, Detail, LinkMeshes, thin_out, visual_path, write_pieces
+from app.viewer.drawing import link_meshes
+from app.viewer.drawing.body_drawing import ArmDrawing, Drawings, link_files
+from app.viewer.drawing.link_meshes import FULL, LIGHT, Detail, LinkMeshes, thin_out, visual_path, write_pieces
 from planners.cell.asset_files import CylinderLinkFile, LinkFile, MeshFile, MeshLinkFile
 from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import known_cells, load_cell

@@ -16,10 +16,10 @@ from support.lift_documents import contact, lift, segment, simulation
 from support.tool_documents import GRIP, OTHER, hold, tool_document, tool_simulation
 
 from app.summary import summarise
-from app.viewer.body_drawing import Stage
-from app.viewer.link_meshes import LinkMeshes
+from app.viewer.drawing.body_drawing import Stage
+from app.viewer.drawing.link_meshes import LinkMeshes
+from app.viewer.drawing.plan_scene import PlanScene
 from app.viewer.page import describe_plan
-from app.viewer.plan_scene import PlanScene
 from app.viewer.playback import Playback
 from planners.cell.cell import Cell, load_cell
 from planners.plan.plan import plan_schema

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from support.documents import plan_of
 from support.lift_documents import contact, segment, set_curve, simulation
 
-from app.viewer.plan_scene import by_hand
+from app.viewer.drawing.contact_forces import by_hand
 from app.viewer.playback import Playback
 from planners.plan.timeline import ContactForce, Moment
 

@@ -14,9 +14,9 @@ import viser
 from support.documents import plan_of
 from support.tool_documents import CUP, tool_document
 
-from app.viewer.body_drawing import Stage
-from app.viewer.link_meshes import LinkMeshes
-from app.viewer.plan_scene import FIRST_LAYERS, LAYERS, Gate, PlanScene
+from app.viewer.drawing.body_drawing import Stage
+from app.viewer.drawing.link_meshes import LinkMeshes
+from app.viewer.drawing.plan_scene import FIRST_LAYERS, LAYERS, Gate, PlanScene
 from app.viewer.playback import Playback
 from planners.cell.cell import Cell, load_cell
 

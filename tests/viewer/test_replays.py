@@ -13,7 +13,7 @@ from support.moving_plan import DURATION, moving_plan
 
 from app.cli.output import BadInput
 from app.cli.replay_command import replay_files
-from app.viewer.charts import MILLIRADIANS, executed_charts
+from app.viewer.description.charts import MILLIRADIANS, executed_charts
 from app.viewer.page import describe_plan
 from app.viewer.playback import Playback
 from planners.kinematics.forward import flange_pose

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from support.documents import plan_of
 
-from app.viewer.link_meshes import FULL, LIGHT, LinkMeshes
+from app.viewer.drawing.link_meshes import FULL, LIGHT, LinkMeshes
 from app.viewer.playback import Playback
 from app.viewer.scene_servers import SceneServer
 from planners.cell.cell import Cell

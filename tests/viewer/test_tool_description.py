@@ -13,11 +13,11 @@ import viser
 from support.documents import plan_of
 from support.tool_documents import CUP, OBJECTS, OTHER, REACH, TOUCH, hold, tool_document, tool_simulation
 
-from app.viewer.body_drawing import Stage
-from app.viewer.considered import reason_colours
-from app.viewer.link_meshes import LinkMeshes
+from app.viewer.drawing.body_drawing import Stage
+from app.viewer.drawing.considered_signs import reason_colours
+from app.viewer.drawing.link_meshes import LinkMeshes
+from app.viewer.drawing.plan_scene import PlanScene
 from app.viewer.page import describe_plan
-from app.viewer.plan_scene import PlanScene
 from app.viewer.playback import Playback, objects_of_segments
 from planners.cell.cell import Cell, load_cell
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.documents import bodies_of
 
-from app.viewer.camera import FIELD_OF_VIEW, NO_OBSTACLES, VIEWS
+from app.viewer.drawing.camera import FIELD_OF_VIEW, NO_OBSTACLES, VIEWS
 from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import Array
 from planners.kinematics.forward import flange_pose

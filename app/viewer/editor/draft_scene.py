@@ -18,7 +18,7 @@ from viser import (
     TransformControlsHandle,
 )
 
-from app.viewer.body_drawing import Stage, add_frame, draw_body, draw_surface, place
+from app.viewer.drawing.body_drawing import Stage, add_frame, draw_body, draw_surface, place
 from app.viewer.editor.draft import CUP, Draft, DraftCup, DraftPart, cup_in_world
 from app.viewer.editor.placing import STEP, put, written, yaw_of
 from app.viewer.palette import BODIES, Rgb, object_tint, rgb

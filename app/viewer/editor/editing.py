@@ -21,13 +21,13 @@ from app.errors import (
     SceneNotFound,
     TooManyRequests,
 )
-from app.viewer.camera import VIEWS
+from app.viewer.drawing.camera import VIEWS
+from app.viewer.drawing.link_meshes import FULL, LIGHT
 from app.viewer.editor.draft import cell_of, read_draft
 from app.viewer.editor.draft_scene import Chosen, DraftScene, Moved
 from app.viewer.editor.feasibility import LastPath, OtherWays
 from app.viewer.editor.found_path import lines_of
 from app.viewer.editor.starts import NoSuchExample, example_task, task_of_scene
-from app.viewer.link_meshes import FULL, LIGHT
 from app.viewer.page import describe_plan
 from app.viewer.scene_servers import SceneServer, SceneServers
 from app.viewer.watch import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.viewer.body_drawing import sharp_edges, surface_of
+from app.viewer.drawing.body_drawing import sharp_edges, surface_of
 from planners.geometry.pose import Array, from_pose7s
 from planners.plan.plan import Plan
 

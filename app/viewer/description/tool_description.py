@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.viewer.charts import MILLIMETRES, PERCENT, cup_shares
-from app.viewer.description import (
+from app.viewer.description.charts import MILLIMETRES, PERCENT, cup_shares
+from app.viewer.description.plan_description import (
     FigureGroup,
     KindDescription,
     Row,

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.summary import contact_word
-from app.viewer.charts import MILLIMETRES, PERCENT
-from app.viewer.description import (
+from app.viewer.description.charts import MILLIMETRES, PERCENT
+from app.viewer.description.plan_description import (
     FigureGroup,
     KindDescription,
     NodeForces,

@@ -1,7 +1,4 @@
-"""What a suction-tool planner looked at: places for the cup, grasps of the tool, and regrasp graphs.
-
-Places and grasps are drawn as small signs coloured by why they fell; all of it is counted for the page.
-"""
+"""What a suction-tool planner looked at, as signs: cup places and grasps of the tool, coloured by why they fell."""
 
 from __future__ import annotations
 
@@ -13,11 +10,8 @@ import numpy as np
 from viser import SceneApi, SceneNodeHandle
 
 from app.viewer.palette import GOOD_COLOUR, REASON_COLOURS, code_rgb
-from planners.contract.strict_model import StrictModel
-from planners.contract.task_spec import SuctionToolTask
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.plan.considered import Considered, RegraspGraph, RegraspLayer
-from planners.plan.plan import Plan
 
 DRAWN_LAYER = "suction"
 """The layer whose grasps are drawn and counted: the tool on the object at its start."""
@@ -34,64 +28,6 @@ FORK = np.array(
 """A hand as four lines in the TCP frame: x and z in metres, y in halves of its opening."""
 THIN, THICK = 1.2, 2.6
 """Lines of what fell and of what is possible [pixels]."""
-Tally = list[tuple[str | None, int]]
-"""How often each reason was met; None: nothing was against it."""
-
-
-class ReasonColour(StrictModel):
-    """A reason why something fell, and the colour it is drawn in; None: it did not fall."""
-
-    reason: str | None
-    colour: str
-
-
-class ConsideredObject(StrictModel):
-    """What was considered for one object."""
-
-    name: str
-    places: Tally
-    grasps: Tally
-    held: bool
-    """Whether the tool was in a hand already when its turn came."""
-    graph: RegraspGraph | None
-
-
-class ConsideredDescription(StrictModel):
-    """What the page draws and counts."""
-
-    grasps: int
-    """How many the tool has."""
-    colours: list[ReasonColour]
-    objects: list[ConsideredObject]
-    """Those that are moved first, in their order."""
-
-
-def describe_considered(plan: Plan) -> ConsideredDescription | None:
-    """Return what the page draws and counts; None where nothing was considered, as for a plate lift."""
-    considered = plan.statistics.considered
-    if considered is None:
-        return None
-    given = [item.name for item in plan.task.objects] if isinstance(plan.task, SuctionToolTask) else []
-    return ConsideredDescription(
-        grasps=len(considered.tool_grasps.widths),
-        colours=[ReasonColour(reason=reason, colour=colour) for reason, colour in reason_colours(considered).items()],
-        objects=[_object(considered, name) for name in dict.fromkeys([*considered.order, *given])],
-    )
-
-
-def _object(considered: Considered, name: str) -> ConsideredObject:
-    return ConsideredObject(
-        name=name,
-        places=_tally(place.reason for place in considered.places.get(name, ())),
-        grasps=_tally(node.reason for node in _asked(considered, name)),
-        held=any(step.object == name and step.by == "held" for step in considered.steps),
-        graph=_graph(considered, name),
-    )
-
-
-def _tally(reasons: Iterable[str | None]) -> Tally:
-    """Return reasons with their numbers, what did not fall first, then the most frequent."""
-    return sorted(Counter(reasons).items(), key=lambda item: (item[0] is not None, -item[1]))
 
 
 def reason_colours(considered: Considered) -> dict[str | None, str]:
@@ -110,14 +46,14 @@ def reason_colours(considered: Considered) -> dict[str | None, str]:
 
 
 @dataclass(frozen=True)
-class _AskedGrasp:
+class AskedGrasp:
     """A grasp of the tool, and why it fell; None: it is possible."""
 
     grasp: int
     reason: str | None
 
 
-def _graph(considered: Considered, name: str) -> RegraspGraph | None:
+def told_graph(considered: Considered, name: str) -> RegraspGraph | None:
     """Return the regrasp graph of an object: the one that moved it, else the last one that was tried."""
     mine = [graph for graph in considered.regrasp_graphs if graph.object == name]
     moved = [graph for graph in mine if graph.moved]
@@ -125,19 +61,19 @@ def _graph(considered: Considered, name: str) -> RegraspGraph | None:
 
 
 def _layer(considered: Considered, name: str) -> RegraspLayer | None:
-    graph = _graph(considered, name)
+    graph = told_graph(considered, name)
     layers = () if graph is None else graph.layers
     return next((layer for layer in layers if layer.layer == DRAWN_LAYER), None)
 
 
-def _asked(considered: Considered, name: str) -> Iterator[_AskedGrasp]:
+def asked_grasps(considered: Considered, name: str) -> Iterator[AskedGrasp]:
     """Yield the grasps that were asked for with the tool on an object at its start, the rejected ones first."""
     layer, count = _layer(considered, name), len(considered.tool_grasps.widths)
     if layer is None:
         return
     for reason, nodes in layer.rejected.items():
-        yield from (_AskedGrasp(node % count, reason) for node in nodes)
-    yield from (_AskedGrasp(node % count, None) for node in layer.possible)
+        yield from (AskedGrasp(node % count, reason) for node in nodes)
+    yield from (AskedGrasp(node % count, None) for node in layer.possible)
 
 
 def draw_places(scene: SceneApi, node: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
@@ -161,7 +97,7 @@ def draw_grasps(scene: SceneApi, node: str, considered: Considered, name: str) -
     if layer is None:
         return []
     T_world_tool = from_pose7(layer.tool_pose)
-    asked = list(_asked(considered, name))
+    asked = list(asked_grasps(considered, name))
     handles: list[SceneNodeHandle] = []
     for good, thickness in ((False, THIN), (True, THICK)):
         drawn = [each for each in asked if (each.reason is None) is good]

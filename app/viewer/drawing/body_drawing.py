@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from viser import FrameHandle, MeshHandle, SceneApi, SceneNodeHandle
 
-from app.viewer.link_meshes import FULL, NEAR_REACH, Detail, LinkMeshes, write_cylinders, write_pieces
+from app.viewer.drawing.link_meshes import FULL, NEAR_REACH, Detail, LinkMeshes, write_cylinders, write_pieces
 from app.viewer.palette import BODIES, Rgb, rgb
 from planners.cell.arm import Arm
 from planners.cell.asset_files import (

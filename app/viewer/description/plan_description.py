@@ -12,7 +12,7 @@ from pydantic import JsonValue, PlainSerializer
 
 from app.check_words import PROOF, words_of_check
 from app.summary import figures_of, least_reserve, least_torque, reason_of, share_words
-from app.viewer.charts import (
+from app.viewer.description.charts import (
     DIGITS,
     PERCENT,
     Chart,
@@ -22,7 +22,7 @@ from app.viewer.charts import (
     planned_charts,
     simulated_charts,
 )
-from app.viewer.considered import ConsideredDescription, describe_considered
+from app.viewer.description.considered import ConsideredDescription, describe_considered
 from app.viewer.palette import FORCE_SCALES, MEANINGS, SEGMENT_KINDS
 from app.viewer.playback import SourceName
 from planners.contract.strict_model import StrictModel

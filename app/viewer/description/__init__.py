@@ -1,0 +1,1 @@
+"""What is told beside a scene: headline, figures, curves, rejections, certificate."""
