@@ -60,8 +60,14 @@ def files(tool: Mapping[str, Any] = TOOL) -> dict[str, bytes]:
     return {
         "cell.yaml": written(cell_document()),
         "tools/handle.yaml": written({"name": "handle", **tool}),
-        "meshes/column.stl": trimesh.creation.box((25.0, 25.0, 80.0)).export(file_type="stl"),
+        "meshes/column.stl": column(25.0),
     }
+
+
+def column(width: float) -> bytes:
+    content = trimesh.creation.box((25.0, width, 80.0)).export(file_type="stl")
+    assert isinstance(content, bytes)
+    return content
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +98,7 @@ def test_a_tool_in_a_file_and_one_in_the_cells_own_are_the_same(workshop: Cell, 
 def test_the_hash_of_a_cell_follows_its_tools_and_their_meshes(workshop: Cell, tmp_path: Path) -> None:
     heavier = copy.deepcopy(TOOL)
     heavier["tool"]["mass"] = 0.21
-    wider = {**files(), "meshes/column.stl": trimesh.creation.box((25.0, 26.0, 80.0)).export(file_type="stl")}
+    wider = {**files(), "meshes/column.stl": column(26.0)}
     hashes = {CellBundle.of_zip(zipped(each)).load(tmp_path).hash for each in (files(heavier), wider)}
     assert len({workshop.hash, *hashes}) == 3
 
