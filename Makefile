@@ -5,8 +5,7 @@ BIN := $(VENV)/bin
 ONCE ?=
 PART ?=
 BY_FILE := --dist loadfile --no-loadscope-reorder
-CORES := --numprocesses auto $(BY_FILE)
-# Slow tests wait for services and browsers half of the time: one process more than there are cores waits beside the others.
+# Tests wait for services and browsers now and then: one process more than there are cores waits beside the others.
 MORE := --numprocesses $(shell echo $$(($$(nproc) + 1))) $(BY_FILE)
 # There is a process for each core already.
 export OPENBLAS_NUM_THREADS := 1
@@ -35,8 +34,8 @@ demo: setup ## start the service, plan a lift, then a pile of what cameras saw, 
 demo-robot: setup ## plan, export, execute and replay a lift and a pile, on controllers that stand in for robots; ONCE=1 opens no browser
 	@$(BIN)/python -m tests.robot.demo $(if $(ONCE),--once)
 
-test: setup ## every law, on a sample where the whole takes long, on all cores
-	@$(BIN)/python -m pytest -q $(CORES)
+test: setup ## what shows its law within a second, on samples: some minutes on two cores
+	@$(BIN)/python -m pytest -q $(MORE)
 
 test-all: setup ## every law on the whole of its cases; faults at random, the whole interface fuzzed
 	@$(BIN)/python -m pytest -q --all $(MORE)

@@ -33,6 +33,7 @@ def address_in_audit(folder: Path, **settings: object) -> str:
         return client.get("/v1/audit").json()["entries"][0]["address"]
 
 
+@pytest.mark.slow
 def test_what_says_to_be_a_proxy_is_believed_only_where_it_is_set(tmp_path: Path) -> None:
     assert address_in_audit(tmp_path / "a") == "127.0.0.1"
     assert address_in_audit(tmp_path / "b", trusted_proxies=["10.0.0.0/8"]) == "127.0.0.1"

@@ -87,6 +87,7 @@ def test_a_key_that_has_expired_opens_nothing(service: GuardedService) -> None:
         assert client.get("/v1/plans").status_code == 401
 
 
+@pytest.mark.slow
 def test_a_revoked_key_opens_nothing_after_a_second(service: GuardedService) -> None:
     key = issue_key(service.settings, "mes", Scope.READ, None)
     headers = {"Authorization": f"Bearer {key}"}
@@ -97,6 +98,7 @@ def test_a_revoked_key_opens_nothing_after_a_second(service: GuardedService) -> 
 
 
 @pytest.mark.parametrize("wish", [{"type": "open", "plan": "x"}, {"type": "open_perceived", "scene": "x"}])
+@pytest.mark.slow
 def test_a_websocket_opens_nothing_after_its_key_was_revoked(service: GuardedService, wish: dict[str, str]) -> None:
     key = issue_key(service.settings, "mes", Scope.READ, None)
     address = f"{service.address.replace('http', 'ws')}/viewer/watch"

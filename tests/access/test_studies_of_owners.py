@@ -56,6 +56,7 @@ def test_the_plan_of_a_point_belongs_to_whom_the_study_belongs(service: GuardedS
         assert writer.get(study["best_plan"]).status_code == 200
 
 
+@pytest.mark.slow
 def test_two_owners_may_choose_the_same_key_for_a_study(service: GuardedService) -> None:
     with service.client("writer") as writer, service.client("stranger") as stranger:
         key = {"Idempotency-Key": "study-1"}

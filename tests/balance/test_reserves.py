@@ -78,6 +78,7 @@ def test_joints_are_named_where_forces_could_keep_more_back_and_nowhere_else() -
         assert scale.limit(planned.held, reserve) != JOINTS
 
 
+@pytest.mark.slow
 def test_more_of_what_is_named_of_a_cup_would_do_and_dex_net_s_pull_is_named_only_where_friction_would_not() -> None:
     """Friction of Dex-Net's pad grows with the cup's force, so that more of that force is more of both."""
     for lift, planned in balanced():

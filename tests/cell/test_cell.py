@@ -175,6 +175,7 @@ def test_documented_bodies_are_the_ones_that_are_checked(cell):
         assert document["role"] == ("table" if name == "table" else "frame")
 
 
+@pytest.mark.slow
 def test_the_same_files_have_the_same_hash_and_any_changed_number_another(shelf):
     path = shelf / "cells" / "dual_ur3e_lift.yaml"
     assert load_cell_file(path).hash == load_cell("dual_ur3e_lift").hash
@@ -198,6 +199,7 @@ def test_bases_table_and_frame_can_stand_elsewhere(shelf):
     np.testing.assert_array_equal(cell.arms["right"].T_world_base, shipped.arms["right"].T_world_base)
 
 
+@pytest.mark.slow
 def test_a_robot_may_be_mounted_with_another_frame_than_that_before_its_first_joint(shelf):
     """An arm turned by 90 degrees on its foot, and mounted turned back, stands where it stood."""
     robot, mount = shelf / "robots" / "ur3e.yaml", shelf / "mounts" / "dual_column.yaml"
@@ -352,6 +354,7 @@ def test_a_wrong_file_is_refused_with_the_names_of_file_and_field(shelf, file, k
     assert message in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_hand_that_an_arm_cannot_bear_is_refused_with_both_masses(shelf):
     path = shelf / "cells" / "dual_ur3e_lift.yaml"
     edit(shelf / "robots" / "ur3e.yaml", ["payload"], 1.3)

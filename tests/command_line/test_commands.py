@@ -362,6 +362,7 @@ def test_a_scan_is_perceived_by_a_service_whose_scene_a_task_then_names(
     assert "/scene_id" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_service_has_all_of_several_tasks_before_the_first_is_waited_for(
     service: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -69,6 +69,7 @@ def test_a_cell_comes_as_a_document_a_zip_or_a_form_and_is_the_same_one(client: 
     assert same(yaml.json()) == same(whole)
 
 
+@pytest.mark.slow
 def test_what_was_taken_otherwise_is_noted_for_whoever_asks_for_the_cell(client: httpx.Client) -> None:
     files = {"cell.yaml": written(station(name="noted")), "as built.pdf": b""}
     noted = client.post("/v1/cells", content=zipped(files), headers=ZIP).json()
@@ -130,6 +131,7 @@ def test_a_study_may_be_of_ones_own_cell(client: httpx.Client) -> None:
     client.post(study.json()["links"]["cancel"])
 
 
+@pytest.mark.slow
 def test_a_deleted_cell_is_gone_for_tasks_and_stays_for_plans(client: httpx.Client) -> None:
     cell = add(client, station(name="short_lived"))
     plan = ended(client, client.post("/v1/plans", json={**TASK, "cell": cell["id"]}).json())

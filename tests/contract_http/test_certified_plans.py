@@ -89,6 +89,7 @@ def test_plans_that_are_not_simulated_are_certified_when_they_end_and_without_a_
     assert (infeasible["certified_at"], infeasible["state"]) == (None, "succeeded")
 
 
+@pytest.mark.slow
 def test_a_proof_that_there_is_no_plan_can_be_fetched_while_changes_are_tried_that_would_help(
     client: httpx.Client,
 ) -> None:
@@ -174,6 +175,7 @@ def test_a_certified_document_stays_whatever_becomes_of_the_simulation(
     assert client.get(plan["links"]["document"]).status_code == 404
 
 
+@pytest.mark.slow
 def test_a_solver_that_dies_in_the_simulation_is_followed_by_one_that_simulates_the_same_plan(
     client: httpx.Client,
 ) -> None:

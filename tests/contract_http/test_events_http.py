@@ -44,6 +44,7 @@ def test_events_tell_stages_with_counts_and_a_fraction_that_never_falls_and_end_
     assert events[-1][2]["state"] == "succeeded"
 
 
+@pytest.mark.slow
 def test_a_stream_resumes_behind_the_last_event_that_was_received(client: httpx.Client) -> None:
     plan = post(client, "steps-4")
     everything = follow(client, plan)

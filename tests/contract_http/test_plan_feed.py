@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
+import pytest
 from sqlalchemy.exc import OperationalError
 
 from app.resources import plan_feed
@@ -85,6 +86,7 @@ def test_nobody_waiting_is_no_look_at_all() -> None:
     assert database.looks == 0
 
 
+@pytest.mark.slow
 def test_a_database_that_comes_back_is_asked_again() -> None:
     database = CountedDatabase()
     database.gone, database.state = 1, JobState.FAILED

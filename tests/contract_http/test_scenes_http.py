@@ -206,6 +206,7 @@ def test_a_list_has_every_scene_once_page_by_page_the_newest_first(client: httpx
     assert client.get("/v1/scenes", params={"page_token": "x"}).status_code == 400
 
 
+@pytest.mark.slow
 def test_a_deleted_scene_is_gone_and_its_scan_gives_it_again(client: httpx.Client) -> None:
     description = {**SCAN.description, "external_id": "doomed"}
     scene = post(client, description, **SCAN.files).json()

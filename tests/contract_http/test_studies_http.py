@@ -59,6 +59,7 @@ def test_a_study_that_is_waited_for_is_answered_with_its_end(client: httpx.Clien
     assert (answer.status_code, answer.json()["done"]) == (200, True)
 
 
+@pytest.mark.slow
 def test_a_study_is_accepted_with_its_address_and_ends_with_all_points(client: httpx.Client) -> None:
     answer = post(client)
     assert answer.status_code == 202
@@ -73,6 +74,7 @@ def test_a_study_is_accepted_with_its_address_and_ends_with_all_points(client: h
     assert (found["best"]["index"], found["best"]["values"]) == (13, [0.1, 0])
 
 
+@pytest.mark.slow
 def test_the_best_point_is_planned_with_its_values(client: httpx.Client) -> None:
     study = done(client)
     plan = finished(client, {"links": {"self": study["best_plan"]}})
@@ -83,6 +85,7 @@ def test_the_best_point_is_planned_with_its_values(client: httpx.Client) -> None
     assert (asked.status_code, asked.json()["id"]) == (200, plan["id"])
 
 
+@pytest.mark.slow
 def test_any_point_is_planned_when_it_is_asked_for_and_once(client: httpx.Client) -> None:
     study = done(client)
     first, second = (client.post(f"{study['links']['points']}/4/plan") for _ in range(2))
@@ -208,12 +211,14 @@ def test_the_picture_shows_what_is_solved_apart_from_what_is_not_in_grey_too(cli
     assert np.median(grey[spread > 60]) < 200
 
 
+@pytest.mark.slow
 def test_points_are_counted_in_the_metrics(client: httpx.Client) -> None:
     done(client)
     lines = client.get("/metrics").text.splitlines()
     assert any(line.startswith('liftwright_study_points_total{outcome="solved"}') for line in lines)
 
 
+@pytest.mark.slow
 def test_parts_that_wait_or_run_are_in_the_metrics_and_are_no_jobs(client: httpx.Client) -> None:
     """Two places for parts, and twelve points to each."""
 

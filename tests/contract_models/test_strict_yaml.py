@@ -71,6 +71,7 @@ def test_each_member_has_the_line_in_which_it_stands() -> None:
         (b"[" * 5000, "too deeply"),
     ],
 )
+@pytest.mark.slow
 def test_what_is_no_such_yaml_is_refused_with_its_line(text: bytes, said: str) -> None:
     with pytest.raises(NotYaml, match=re.escape(said)):
         parse_yaml(text)

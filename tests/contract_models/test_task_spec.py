@@ -193,6 +193,7 @@ def resolves(pointer, body):
 
 @settings(max_examples=300, deadline=None)
 @given(GARBAGE, st.sampled_from(["plate_lift", "suction_tool", None]))
+@pytest.mark.slow
 def test_garbage_is_refused_with_pointers_into_the_body(body, kind):
     if kind is not None and isinstance(body, dict):
         body = {**body, "kind": kind}

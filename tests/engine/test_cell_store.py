@@ -76,6 +76,7 @@ def test_what_is_checked_or_refused_leaves_nothing_behind(cells: CellStore, fold
         assert found(folder) == []
 
 
+@pytest.mark.slow
 def test_a_cell_that_was_kept_is_unpacked_once_somebody_wants_it(cells: CellStore, folder: Path) -> None:
     kept = bundle()
     stored, _ = CellCollection({}, cells).add(kept)
@@ -85,6 +86,7 @@ def test_a_cell_that_was_kept_is_unpacked_once_somebody_wants_it(cells: CellStor
     assert cells.unpacked(stored.id) == folder / kept.digest == loaded.shelf.folders[0]
 
 
+@pytest.mark.slow
 def test_files_that_belong_to_no_cell_are_removed_once_nobody_can_want_them(cells: CellStore, folder: Path) -> None:
     collection, kept, other = CellCollection({}, cells), bundle(), bundle(gravity=[0, 0, -9.8])
     stored, _ = collection.add(kept)
@@ -129,6 +131,7 @@ def test_what_somebody_asks_for_again_is_not_removed_under_their_hands(cells: Ce
     assert place.stat().st_mtime > time.time() - SETTLED_SECONDS
 
 
+@pytest.mark.slow
 def test_limits_of_cells_are_told_without_loading_one(database: Database, cells: CellStore, folder: Path) -> None:
     CellCollection({}, cells).add(bundle())
     told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
@@ -137,6 +140,7 @@ def test_limits_of_cells_are_told_without_loading_one(database: Database, cells:
     assert told.cell_limits == {"station": expected}
 
 
+@pytest.mark.slow
 def test_limits_that_an_earlier_version_did_not_keep_are_looked_up_once(
     database: Database, cells: CellStore, folder: Path
 ) -> None:
@@ -171,6 +175,7 @@ def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
     assert set(told.cell_limits) == {"sound"}
 
 
+@pytest.mark.slow
 def test_a_deleted_cell_stays_while_a_study_is_in_it_and_then_no_point_can_be_planned(
     database: Database, cells: CellStore, queue: JobQueue, store: PlanStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -65,6 +65,7 @@ def test_a_server_that_takes_no_writes_counts_as_gone_and_its_connections_are_no
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_connection_that_has_rested_is_asked_before_it_is_used_and_one_in_use_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

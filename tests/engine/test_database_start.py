@@ -170,6 +170,7 @@ def test_a_server_that_is_not_there_is_told_with_where_it_was_looked_for(
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_server_that_is_lost_in_the_midst_of_a_start_is_waited_for_and_each_try_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -59,6 +59,7 @@ def test_work_that_fails_is_done_again_and_the_log_has_its_traceback() -> None:
     ] * 3
 
 
+@pytest.mark.slow
 def test_work_that_keeps_failing_is_stuck_until_it_goes_well_once() -> None:
     work = Work(ValueError("out of order"), 5)
     told: list[tuple[int, bool]] = []

@@ -199,6 +199,7 @@ def test_a_database_that_takes_no_writes_is_waited_for_and_what_can_be_read_is_a
     assert fleet.client.get("/readyz").status_code == 200
 
 
+@pytest.mark.slow
 def test_a_cancelled_job_is_stopped_within_a_second_wherever_it_runs(fleet: Fleet) -> None:
     fleet.with_both_workers()
     plan = fleet.post("child")

@@ -180,6 +180,7 @@ LINGERING = """setsid sh -c "echo '{}'; exec sleep 1" & exec sleep 600"""
 """What says that it is ready has the same stdout, and is in no group that is ended."""
 
 
+@pytest.mark.slow
 def test_a_process_is_waited_for_however_often_who_ends_it_is_cancelled() -> None:
     async def run() -> None:
         child = await SolverProcess.start(SolverCommand(("sh", "-c", LINGERING), {}))
@@ -332,6 +333,7 @@ main(lambda: None)
 """
 
 
+@pytest.mark.slow
 def test_a_process_with_threads_forks_none() -> None:
     with pytest.raises(SolverFault, match="idle"):
         solve("now", SolverCommand((sys.executable, "-c", THREADED), {}))

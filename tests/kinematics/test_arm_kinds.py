@@ -111,6 +111,7 @@ def test_the_branches_are_those_that_eaik_finds(name):
 
 
 @pytest.mark.parametrize("name", ["ur3e", "industrial", "puma"])
+@pytest.mark.slow
 def test_a_search_from_many_starts_finds_the_same_branches_and_no_other(name):
     rng = np.random.default_rng(3)
     dh = table_of(name)

@@ -73,6 +73,7 @@ def test_no_hand_comes_or_goes_through_the_other_one(planner, assigner, assignme
 
 
 @pytest.mark.parametrize("coming", ["grip", "push"])
+@pytest.mark.slow
 def test_a_hand_comes_beside_the_other_one_where_the_arms_keep_apart(planner, holding_cell, open_cell, coming):
     """Asked of python-fcl and pinocchio, at more places of its way."""
     follower, workcell, rng = planner.reach.follower, planner.sampling.workcell, np.random.default_rng(7)

@@ -169,6 +169,7 @@ class WillingBalance:
         return self.answer
 
 
+@pytest.mark.slow
 def test_a_node_is_dead_when_the_arms_touch_in_every_pair_of_its_postures(planner, solved):
     """Holds of one posture each, of which the arms are known to touch, or not to."""
     reached = planner.reach.reached

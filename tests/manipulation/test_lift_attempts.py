@@ -204,6 +204,7 @@ def test_a_graph_of_which_too_little_fits_is_not_thinned(cells: dict[str, Cell])
     assert "simplify the plate's outline" in plan.summary
 
 
+@pytest.mark.slow
 def test_the_first_lift_is_found_with_its_cup_farther_out_as_well(cells: dict[str, Cell]) -> None:
     """By default, where it was not found once."""
     body = task_body("ab1", reserve=0.1)

@@ -56,6 +56,7 @@ def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
             assert forces[1] <= most[planner.sampling.workcell.pusher]
 
 
+@pytest.mark.slow
 def test_a_task_may_allow_less() -> None:
     _, plan = planned(normal=16.0, net=16.0)
     assert plan.outcome is PlanningOutcome.SOLVED

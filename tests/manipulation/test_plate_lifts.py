@@ -73,6 +73,7 @@ def test_a_lift_is_planned_and_certified_or_it_is_said_why_not(case, cells, surf
     assert case.get("says", "") in said
 
 
+@pytest.mark.slow
 def test_figures_by_contact_state_add_up_to_those_of_the_whole_graph(cells):
     graph = document_of(task_body("pb1"), cells)["statistics"]["graph"]
     by_contact = graph["contact_states"]

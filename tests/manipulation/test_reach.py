@@ -241,6 +241,7 @@ def pairs_of_postures(planner, count: int):
     raise AssertionError("too few pairs of one kind")
 
 
+@pytest.mark.slow
 def test_two_postures_go_together_exactly_when_fcl_keeps_the_arms_apart(planner, holding_cell):
     for pose, holds, postures, apart in pairs_of_postures(planner, 12):
         slack = arm_slack(planner, holding_cell, pose, holds, postures)

@@ -67,6 +67,7 @@ def test_what_is_remembered_is_what_would_be_found(what: str, memory: ReachMemor
         assert np.array_equal(known, fresh)
 
 
+@pytest.mark.slow
 def test_the_cup_takes_postures_away_somewhere() -> None:
     """Otherwise its place could be forgotten, and nothing here would tell."""
     middle, rim = (sampling(CHANGES[f"the cup {where}"]) for where in ("in the middle", "beside the rim"))

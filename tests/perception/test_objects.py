@@ -61,6 +61,7 @@ def photographed(*objects: TrueObject, others: tuple[Thing, ...] = (), roll: flo
     return seen(objects, overhead_camera(roll=roll), np.random.default_rng(seed), others=others)
 
 
+@pytest.mark.slow
 def test_all_objects_of_seeded_frames_are_found_and_none_is_invented() -> None:
     for frame in frames(4, seed=11):
         found = perceived(frame)

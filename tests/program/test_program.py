@@ -326,6 +326,7 @@ def test_what_is_no_plan_becomes_no_program(garbage: bytes) -> None:
         exportable(garbage, load_cell("dual_ur3e_lift"))
 
 
+@pytest.mark.slow
 def test_whoever_changes_a_plan_and_its_digest_does_not_get_past_the_certificate(plans: dict[str, Plan]) -> None:
     plan = plans["ab1"]
     moved = plan.segments[2].positions.copy()
@@ -345,6 +346,7 @@ def test_arms_of_another_maker_get_tables_and_no_urscript(
         write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.UR)
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_zip_or_says_why_not(
     documents: dict[str, bytes], small: Plan, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

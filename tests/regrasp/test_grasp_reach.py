@@ -239,6 +239,7 @@ def block_of(*size: float) -> Body:
     ("side", "height", "when"),
     [(1, 0.175, "open"), (-1, 0.175, "open"), (1, 0.03, "way")],
 )
+@pytest.mark.slow
 def test_a_cube_that_only_the_open_or_the_coming_hand_would_meet_forbids_a_grasp(
     cell, gripper, long_tool, long_grasps, side, height, when
 ):

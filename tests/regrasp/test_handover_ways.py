@@ -66,6 +66,7 @@ def test_positions_are_those_of_every_branch_that_reaches_the_grasp(
 
 
 @pytest.mark.parametrize("laden", [False, True])
+@pytest.mark.slow
 def test_pairs_that_remain_are_borne_by_both_hands_and_the_cup_in_one_orientation(
     ways: HandoverWays, short_handovers: HandoverDatabase, static_hold: StaticHold, sucked: SuckedObject, laden: bool
 ) -> None:

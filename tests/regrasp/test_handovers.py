@@ -79,6 +79,7 @@ def between_arms(a, b) -> bool:
     return {a.group, b.group} == {"left", "right"}
 
 
+@pytest.mark.slow
 def test_in_a_stored_pair_nothing_touches_anything_at_any_moment(cell, gripper, short_tool, short_handovers):
     """Every body against every other, also between the places that were checked."""
     rng = np.random.default_rng(9)

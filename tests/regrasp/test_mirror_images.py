@@ -168,6 +168,7 @@ TASKS = {
 
 @pytest.mark.parametrize("which", among(["long", "short"], ["long"]))
 @pytest.mark.parametrize("name", among(TASKS, ["far out, and back"]))
+@pytest.mark.slow
 def test_mirrored_tasks_have_mirrored_outcomes(name, which, request):
     tool = {"long": "long_symmetric", "short": "short_asymmetric"}[which]
     one, other = both(TASKS[name], request.getfixturevalue(f"{which}_handovers"), tool=tool)

@@ -88,6 +88,7 @@ def stated_moment(program: ConeProgram) -> float | None:
 
 
 @pytest.mark.parametrize("model", ["paper", "cable"])
+@pytest.mark.slow
 def test_force_and_shift_are_those_of_the_program_as_cvxpy_states_it(model: LifterModel) -> None:
     asked = 0
     for seed in range(30):

@@ -85,6 +85,7 @@ def test_an_obstacle_that_is_named_is_changed_first(unsolved: tuple[dict[str, An
 
 
 @pytest.mark.parametrize("strong", [False, True])
+@pytest.mark.slow
 def test_an_object_that_is_too_heavy_is_made_as_light_as_cup_and_hand_bear(strong: bool, solver: TaskSolver) -> None:
     """First as heavy as the weaker of the two bears, to 10 g; whichever of them that is."""
     force = 400.0 if strong else 12.0
@@ -103,6 +104,7 @@ def test_an_object_that_is_too_heavy_is_made_as_light_as_cup_and_hand_bear(stron
     assert told == sorted(masses, reverse=True)
 
 
+@pytest.mark.slow
 def test_all_changes_are_tasks_that_the_contract_takes(unsolved: tuple[dict[str, Any], Plan]) -> None:
     body, plan = unsolved
     task = read_task(body)

@@ -188,6 +188,7 @@ def test_the_unmodified_client_reads_writes_and_runs_programs(controller: tuple[
         client.disconnect()
 
 
+@pytest.mark.slow
 def test_a_client_that_talks_nonsense_is_let_go_and_others_are_served(controller: tuple[str, StandIn]) -> None:
     host, _ = controller
     with socket.create_connection((host, 30004), timeout=5) as stranger:

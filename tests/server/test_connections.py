@@ -101,6 +101,7 @@ WAITED_FOR = {
 
 
 @pytest.mark.parametrize("what", WAITED_FOR)
+@pytest.mark.slow
 def test_whoever_is_waited_for_keeps_nobody_out(tmp_path: Path, what: str) -> None:
     """Long before its time is up, and again and again."""
 
@@ -159,6 +160,7 @@ async def flood(scope: Scope, receive: Receive, send: Send) -> None:
 
 
 @pytest.mark.parametrize("before", [b"", b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"])
+@pytest.mark.slow
 def test_a_websocket_of_which_nothing_is_taken_is_not_held_for_long(tmp_path: Path, before: bytes) -> None:
     """Also one that was a connection of requests before."""
     settings = ServiceSettings(data_dir=tmp_path, write_seconds=WRITE_SECONDS)
@@ -197,6 +199,7 @@ def test_a_second_head_is_not_waited_for_either_and_drops_do_not_keep_it_alive(s
         assert time.monotonic() - begun < 5.0 * HEAD_SECONDS
 
 
+@pytest.mark.slow
 def test_a_request_that_is_answered_for_longer_than_a_head_may_take_is_not_cut_off(tmp_path: Path) -> None:
     """Its body comes late: a head that is there has no deadline any more."""
     settings = ServiceSettings(data_dir=tmp_path, solver_command=FAKE_SOLVER, head_seconds=0.2)

@@ -88,6 +88,7 @@ def test_progress_never_falls_and_ends(run) -> None:
     assert fractions[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_the_same_lift_without_the_controller_fails_and_says_why(run) -> None:
     blind = simulate_lift(run.plan, run.scene, silent, 3, replace(SimulationSettings(), controlled=False))
     assert blind.outcome in ("overload", "slipped", "cup_lost")
@@ -111,6 +112,7 @@ def test_a_cup_too_weak_for_its_plan_is_lost_or_lets_the_plate_slip(run) -> None
     assert simulation.cause
 
 
+@pytest.mark.slow
 def test_importing_the_simulation_prints_nothing_on_stdout() -> None:
     command = [sys.executable, "-c", "import workers.simulation.simulate"]
     assert subprocess.run(command, capture_output=True, check=True).stdout == b""

@@ -68,6 +68,7 @@ def test_what_carries_balls_is_measured_with_them() -> None:
     assert _signed_distance(deep, transform(None, [0.0, 0.0, 0.12]), table, np.eye(4)) == pytest.approx(-0.03, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_table_that_stands_in_the_arms_is_named_with_as_many_millimetres_as_fcl_finds(tmp_path: Path) -> None:
     """As long as it only touches; how deep it then is grows with the table."""
     lowest = own(tmp_path)

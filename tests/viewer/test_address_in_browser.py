@@ -19,7 +19,7 @@ CAMERA = [1.5, -1.25, 1.75, 0.25, 0.0, 1.125]
 NEAR = 2e-3
 """What the address may be off: it has millimetres."""
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,6 @@ def show(page: Page, address: str) -> None:
     wait_for_plan(page, "ab1")
 
 
-@pytest.mark.slow
 def test_an_address_opens_its_moment_and_its_camera_and_follows_both(drawn: Page, address: str) -> None:
     show(drawn, f"{address}#t=4.5&source=simulation&camera={','.join(map(str, CAMERA))}")
     assert drawn.evaluate("[player.time, player.sourceName]") == [4.5, "simulation"]
@@ -102,7 +101,6 @@ def test_an_address_opens_its_moment_and_its_camera_and_follows_both(drawn: Page
     assert drawn.url == shown
 
 
-@pytest.mark.slow
 def test_a_certified_plan_is_shown_at_once_and_again_where_one_is_when_its_simulation_is_there(
     window: Page, service: ServiceProcess, folder: Path, address: str
 ) -> None:
@@ -119,7 +117,6 @@ def test_a_certified_plan_is_shown_at_once_and_again_where_one_is_when_its_simul
     assert window.evaluate("[player.time, player.sourceName, simulating]") == [2.5, "plan", False]
 
 
-@pytest.mark.slow
 def test_a_proof_is_shown_at_once_and_what_to_change_once_that_is_known(
     window: Page, service: ServiceProcess, folder: Path
 ) -> None:
@@ -141,11 +138,13 @@ NONSENSE = ("t=later", "t=1e9", "camera=1,2", "t=-3&camera=a,b,c,d,e,f", "x")
 
 
 @pytest.mark.parametrize("told", among(NONSENSE, ("t=1e9", "t=-3&camera=a,b,c,d,e,f")))
+@pytest.mark.slow
 def test_an_address_that_makes_no_sense_opens_the_plan_all_the_same(window: Page, address: str, told: str) -> None:
     show(window, f"{address}#{told}")
     assert window.evaluate("0 <= player.time && player.time <= player.source.duration")
 
 
+@pytest.mark.slow
 def test_a_curve_tells_its_values_under_the_cursor(window: Page, address: str, document: dict[str, Any]) -> None:
     show(window, address)
     plot = window.locator(".plot-over").nth(1)

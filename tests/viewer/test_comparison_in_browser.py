@@ -17,7 +17,7 @@ WINDOW: ViewportSize = {"width": 900, "height": 600}
 PIXELS_PER_POINT = 0.5
 DRAWS = sample(quick=False, whole=True)
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +76,7 @@ def test_the_table_tells_what_the_tasks_differ_in_and_nothing_else(page: Page) -
     page.locator("#all-rows").uncheck()
 
 
+@pytest.mark.slow
 def test_one_clock_moves_both(page: Page) -> None:
     duration = page.evaluate("comparison.duration")
     assert duration == pytest.approx(page.evaluate("comparison.sides[0].duration"))

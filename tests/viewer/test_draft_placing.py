@@ -98,6 +98,7 @@ def refusals(body: Any, cells: Mapping[str, Cell], tools: Mapping[str, SuctionTo
     return ""
 
 
+@pytest.mark.slow
 def test_an_object_that_is_dropped_anywhere_rests_or_tips_but_never_hangs(
     cells: Mapping[str, Cell], tools: Mapping[str, SuctionTool]
 ) -> None:

@@ -315,6 +315,7 @@ def test_what_was_most_probably_not_meant_is_told_and_taken(page: Page) -> None:
     expect(page.locator("#check-status")).to_contain_text("/plate_pose: 0, 0, 0, 1 is half a turn")
 
 
+@pytest.mark.slow
 def test_what_is_refused_is_told_at_its_field_and_at_its_thing_in_the_services_words(page: Page) -> None:
     page.locator("#things [data-pointer='/cup/position']").click()
     page.locator("#field-cup-position-0").fill("160")
@@ -408,6 +409,7 @@ def test_a_plan_is_changed_where_it_is_watched(open_page: Callable[..., Page], s
     wait_for_verdict(page, accepted=True)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_begun_with_is_told(open_page: Callable[..., Page]) -> None:
     page = open_page("?example=pb1")
     page.evaluate("editor.connection.send({ type: 'start', of: 'example', name: 'none' })")

@@ -13,6 +13,7 @@ import viser
 from pydantic import ValidationError
 from support.documents import plan_of
 from support.lift_documents import contact, lift, segment, simulation
+from support.samples import among
 from support.tool_documents import GRIP, OTHER, hold, tool_document, tool_simulation
 
 from app.summary import summarise
@@ -157,7 +158,7 @@ def _fill(document: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["lifted", "moved"])
-@pytest.mark.parametrize("outcome", ["solved", "infeasible", "not_found"])
+@pytest.mark.parametrize("outcome", among(["solved", "infeasible", "not_found"], ["solved"]))
 def test_every_null_and_gap_that_the_schema_allows_is_told(
     kind: str, outcome: str, request: pytest.FixtureRequest
 ) -> None:

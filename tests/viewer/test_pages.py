@@ -136,6 +136,7 @@ def test_a_page_is_readable_and_whole_at_every_width_in_light_and_dark(
             assert serious_findings(window) == [], f"{where}, {tab.inner_text()}"
 
 
+@pytest.mark.slow
 def test_the_page_that_asks_for_a_key_is_readable(window: Page, tmp_path: Path) -> None:
     with running_service(tmp_path, FAKE_SOLVER, command="api", authentication="required") as locked:
         for scheme, size in looks(len(PAGES)):
@@ -146,6 +147,7 @@ def test_the_page_that_asks_for_a_key_is_readable(window: Page, tmp_path: Path) 
             assert serious_findings(window) == []
 
 
+@pytest.mark.slow
 def test_on_a_phone_scene_timeline_and_one_of_list_curves_and_panel_are_seen_and_hit(
     window: Page, addresses: dict[str, str]
 ) -> None:

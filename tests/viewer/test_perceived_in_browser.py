@@ -20,7 +20,7 @@ LAYERS = {"points": 2e-3, "models": 2e-3, "tool": 1e-3, "robot": 2e-3}
 DRAWN = sample(quick=False, whole=True)
 """Whether there is a picture: tests that look at it are slow."""
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,6 @@ def test_every_object_is_told_with_its_size_and_the_scene_is_listed(page: Page, 
     assert not page.locator("#timeline").is_visible()
 
 
-@pytest.mark.slow
 def test_layers_are_hidden_and_shown_again(page: Page) -> None:
     shown = settled(page)
     for layer, share in LAYERS.items():
@@ -70,7 +69,6 @@ def test_layers_are_hidden_and_shown_again(page: Page) -> None:
         wait_until_it_is_as_before(page, shown)
 
 
-@pytest.mark.slow
 def test_keys_hide_layers_and_move_the_camera(page: Page) -> None:
     shown = settled(page)
     page.keyboard.press("m")

@@ -18,7 +18,7 @@ MANY = PAGE + 3
 POLLS_MILLISECONDS = 4e3
 """In which the page asks for the list once more."""
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,6 @@ def listed(page: Page, *names: str) -> None:
     )
 
 
-@pytest.mark.slow
 def test_older_plans_come_page_by_page_and_stay(window: Page, plans: list[dict[str, Any]]) -> None:
     window.get_by_role("button", name="Older plans").click()
     everything = [plan["external_id"] for plan in reversed(plans)]

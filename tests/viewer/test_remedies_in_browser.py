@@ -43,7 +43,7 @@ REMEDIES = [
 ]
 """The second one fits no task."""
 
-pytestmark = needs_browser
+pytestmark = [needs_browser, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,6 @@ def open_plan(page: Page, service: ServiceProcess, name: str) -> dict[str, Any]:
     return plan
 
 
-@pytest.mark.slow
 def test_the_first_remedy_is_applied_by_one_click_and_its_plan_plays(window: Page, service: ServiceProcess) -> None:
     plan = open_plan(window, service, UNSOLVED)
     first = window.locator("#tab-body > *").nth(1).locator("li").first
@@ -104,6 +103,7 @@ def test_the_first_remedy_is_applied_by_one_click_and_its_plan_plays(window: Pag
     window.wait_for_function("player.time > 0.5")
 
 
+@pytest.mark.slow
 def test_a_remedy_that_does_not_fit_is_told_but_offers_no_button(window: Page, service: ServiceProcess) -> None:
     open_plan(window, service, UNSOLVED)
     second = window.locator(".remedies li").nth(1)
@@ -116,7 +116,6 @@ def test_that_no_change_helps_is_said(window: Page, service: ServiceProcess) -> 
     assert "No single change" in window.locator("#tab-body").inner_text()
 
 
-@pytest.mark.slow
 def test_what_physics_carries_out_is_told_beside_a_plan_that_fails_there(window: Page, service: ServiceProcess) -> None:
     open_plan(window, service, FAILS)
     expect(window.locator("#tab-body")).to_contain_text("fails in physics. What mends that:")
@@ -129,6 +128,7 @@ def test_what_physics_carries_out_is_told_beside_a_plan_that_fails_there(window:
     expect(window.locator("#tab-body")).to_contain_text("No change that was tried mends that.")
 
 
+@pytest.mark.slow
 def test_a_task_that_is_refused_says_why(window: Page, service: ServiceProcess) -> None:
     open_plan(window, service, UNSOLVED)
     window.evaluate("player.description.remedies[0].task.cup.radius = -1, player.panel.open('View')")

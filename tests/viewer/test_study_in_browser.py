@@ -102,6 +102,7 @@ def test_a_point_is_reached_by_keys_and_opened_as_a_plan(page: Page, address: st
     assert planned.json()["task"]["cup"]["max_force"] == 20
 
 
+@pytest.mark.slow
 def test_studies_are_listed(page: Page, address: str) -> None:
     study = posted(address, "now", X)
     page.goto("/viewer/study")

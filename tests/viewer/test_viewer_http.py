@@ -51,6 +51,7 @@ def test_an_unknown_plan_has_neither_view_nor_recording(client: httpx.Client, li
 @pytest.mark.parametrize(
     "address", ["/viewer/nothing", "/nothing", f"/v1/plans/{'0' * 32}/view", "/v1/plans?colour=red"]
 )
+@pytest.mark.slow
 def test_what_is_refused_is_a_page_for_a_person_and_a_problem_for_a_program(client: httpx.Client, address: str) -> None:
     problem = client.get(address)
     page = client.get(address, headers={"Accept": "text/html,application/xhtml+xml,*/*;q=0.8"})

@@ -190,6 +190,7 @@ def test_the_simulation_shows_its_own_curves_and_the_lift_on_a_page_of_its_own(
     assert f"{simulation['minimum_total_force']:.1f} N" in text(page, "#tab-body")
 
 
+@pytest.mark.slow
 def test_a_click_on_the_timeline_jumps_to_a_segment(undrawn: Page) -> None:
     page = undrawn
     page.locator("#segments button").nth(2).click()
@@ -324,6 +325,7 @@ def with_suction_plan(page: Page) -> Page:
     return page
 
 
+@pytest.mark.slow
 def test_a_suction_tool_plan_plays_with_its_curves(plain_page: Page) -> None:
     page = with_suction_plan(plain_page)
     lines = now_lines(page)

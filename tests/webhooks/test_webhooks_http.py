@@ -83,6 +83,7 @@ def test_the_end_of_a_job_is_told_signed_and_thin(clients: dict[str, httpx.Clien
     assert message["data"] == told
 
 
+@pytest.mark.slow
 def test_failed_and_cancelled_jobs_are_told_too(clients: dict[str, httpx.Client], receiver: Receiver) -> None:
     client = clients["mes"]
     webhook = register(client, f"{receiver.address}/ends")
@@ -162,6 +163,7 @@ def test_secrets_are_told_once_and_webhooks_belong_to_their_owner(clients: dict[
     assert clients["mes"].get(webhook["links"]["self"]).status_code == 404
 
 
+@pytest.mark.slow
 def test_a_webhook_for_all_plans_hears_of_its_owners_and_nobody_elses(
     clients: dict[str, httpx.Client], receiver: Receiver
 ) -> None:

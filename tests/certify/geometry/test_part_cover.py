@@ -45,6 +45,7 @@ def test_a_corner_outside_is_as_far_out_as_it_is(out: float) -> None:
     assert beyond_parts(boxed((-0.1, 0.1 - out)), GIVE)[0] == pytest.approx(out)
 
 
+@pytest.mark.slow
 def test_the_parts_of_a_ring_contain_it_and_none_can_be_left_out() -> None:
     ring = trimesh.creation.torus(0.05, 0.015, major_sections=48, minor_sections=24)
     corners, faces = np.asarray(ring.vertices), np.asarray(ring.faces)

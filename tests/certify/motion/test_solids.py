@@ -242,6 +242,7 @@ def assert_encloses(outer: Array, radius: float, points: Array) -> None:
     assert (points @ hull.equations[:, :3].T + hull.equations[:, 3]).max() <= radius + 2e-5
 
 
+@pytest.mark.slow
 def test_links_hang_together_in_any_pose(surfaces: RobotSurfaces, cell: Cell) -> None:
     """Neighbours across a joint overlap or touch closely: each hull is in the frame that carries it."""
     arm = cell.arms["right"]
