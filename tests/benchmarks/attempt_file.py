@@ -19,7 +19,10 @@ from tests.benchmarks.tasks import Note
 
 FOLDER = ROOT / "build" / "benchmarks"
 """Where a full run keeps what it has done."""
-_MEASURED = ("assets", "planners", "workers")
+PLANNING = ("assets", "planners", "workers")
+"""What plans, and what came of a plan, depend on."""
+SERVING = ("app", "workers")
+"""What is killed, and takes over; how a plan is found is the same to it."""
 
 
 class Attempt(Protocol):
@@ -72,17 +75,20 @@ class AttemptFile(Generic[Kind]):
             path.write_bytes(whole[: whole.rfind(b"\n") + 1])
 
     @classmethod
-    def of_this_code(cls, folder: Path, kind: type[Kind], name: str, measuring: Sequence[str]) -> Self:
+    def of_this_code(
+        cls, folder: Path, kind: type[Kind], name: str, measuring: Sequence[str], measured: Sequence[str] = PLANNING
+    ) -> Self:
         """Return the file of the code as it is, changes that are not committed included.
 
         Args:
             folder: of all such files.
             kind: of attempts.
             name: of the file, to which a digest of the code is added.
-            measuring: files of this folder on which attempts depend, besides all that is measured.
+            measuring: files of this folder on which attempts depend, besides what is measured.
+            measured: folders of the product on which they depend.
         """
         folder.mkdir(parents=True, exist_ok=True)
-        return cls(folder / f"{name}_{_digest(_sources(measuring))}.jsonl", kind)
+        return cls(folder / f"{name}_{_digest(_sources(measuring, measured))}.jsonl", kind)
 
     def read(self) -> dict[Hashable, Kind]:
         """Return the attempts by what was attempted."""
@@ -164,8 +170,8 @@ def repeated(
     return [[done[task, variant, seed] for seed in range(seeds)] for task, variant in cases]
 
 
-def _sources(measuring: Sequence[str]) -> list[Path]:
-    files = [path for folder in _MEASURED for path in (ROOT / folder).rglob("*") if path.is_file()]
+def _sources(measuring: Sequence[str], measured: Sequence[str]) -> list[Path]:
+    files = [path for folder in measured for path in (ROOT / folder).rglob("*") if path.is_file()]
     files += [Path(__file__).parent / name for name in measuring]
     return sorted(path for path in files if "__pycache__" not in path.parts)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.benchmarks import fuzz, interface, load, soak
-from tests.benchmarks.attempt_file import AttemptFile, kept_attempts
+from tests.benchmarks.attempt_file import SERVING, AttemptFile, kept_attempts
 from tests.benchmarks.effort import Effort, SoakEffort
 from tests.benchmarks.fuzz import FuzzFigures
 from tests.benchmarks.interface import InterfaceFigures
@@ -48,7 +48,7 @@ def measure_faults(effort: Effort, note: Note, folder: Path) -> Findings:
     if not work:
         return Findings([], [])
     with kept_attempts(effort.resumed) as kept, ProcessPoolExecutor(1, get_context("spawn")) as process:
-        file = AttemptFile.of_this_code(kept, SoakRound, "soak", ("soak.py", "service_part.py"))
+        file = AttemptFile.of_this_code(kept, SoakRound, "soak", ("soak.py", "service_part.py"), SERVING)
         rounds = file.complete(process, work, note, effort.most_attempts)
     soaks: dict[str, SoakFigures] = {}
     for (place, _), each in rounds.items():
