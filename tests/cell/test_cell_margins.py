@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from itertools import count
@@ -17,7 +17,8 @@ import pytest
 from support.own_cell import written
 from support.tool_plans import FEW
 
-from planners.cell.asset_shelf import read_cell_file, read_mount_file, shipped_shelf
+from planners.cell import cell as cell_module
+from planners.cell.asset_shelf import fingerprint, read_cell_file, read_mount_file, shipped_shelf
 from planners.cell.bundle import CellBundle, cell_schema
 from planners.cell.cell import Cell, known_cells, load_cell
 from planners.certify import certify
@@ -74,6 +75,24 @@ def test_a_cell_that_says_nothing_is_what_it_was_and_one_that_does_is_another(fo
     assert stated is not None
     assert stated.bodies == WIDE
     assert [Clearance.of(cell).margin for cell in (silent, *said)] == [Clearance().margin, 0.003, WIDE]
+
+
+def test_margins_are_no_part_of_what_is_hashed_of_a_cell_that_says_nothing_of_them(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    hashed: list[bytes] = []
+
+    def noted(contents: Iterable[bytes]) -> str:
+        taken = list(contents)
+        hashed.extend(taken)
+        return fingerprint(taken)
+
+    monkeypatch.setattr(cell_module, "fingerprint", noted)
+    for said in ({}, margins(WIDE)):
+        hashed.clear()
+        described(LIFT, **said).load(folder)
+        assert any(b"gravity" in each for each in hashed)
+        assert any(b"margins" in each for each in hashed) == bool(said)
 
 
 @pytest.mark.parametrize(
