@@ -252,16 +252,21 @@ class Cell:
 
     def document(self) -> CellDocument:
         """Return a plan's `cell`."""
-        margins = {} if self.margins is None else {"margins": MarginsDocument(bodies=self.margins.bodies)}
-        return CellDocument(
+        document = CellDocument(
             name=self.name,
             hash=self.hash,
             gravity=self.gravity,
             arms={name: arm.document() for name, arm in self.arms.items()},
             hands={name: arm.hand.document() for name, arm in self.arms.items()},
-            **({"tools": {name: tool.document() for name, tool in self.tools.items()}} if self.tools else {}),
-            **margins,
         )
+        # What a cell does not bring is left out, as it was before any could.
+        if self.tools:
+            document = document.model_copy(
+                update={"tools": {name: each.document() for name, each in self.tools.items()}}
+            )
+        if self.margins is not None:
+            document = document.model_copy(update={"margins": MarginsDocument(bodies=self.margins.bodies)})
+        return document
 
 
 @cache
