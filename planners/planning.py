@@ -565,7 +565,7 @@ def lift_settings(options: PlateLiftOptions) -> LiftSettings:
 
 
 def _searched(scene: SuctionToolScene, handovers: HandoverSource, progress: Progress, *, persistent: bool) -> ToolPlan:
-    settings = ToolPlannerSettings().starting_at(scene.tool.T_world_tool)
+    settings = ToolPlannerSettings().in_cell(scene.cell).starting_at(scene.tool.T_world_tool)
     database = handovers(scene.cell, scene.tool, settings.handovers, progress)
     settings = settings if persistent else settings.hasty()
     return plan_with_reserve(scene, settings, database, progress, persistent=persistent)

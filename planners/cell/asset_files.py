@@ -64,6 +64,9 @@ MOST_BODIES = 200
 
 MOST_TOOLS = 50
 """That a cell brings: plan documents carry them."""
+MARGIN_RANGE = (0.001, 0.050)
+"""Of what a cell may have bodies kept apart by [m]: less is lost between the samples of motion, and with more no hand
+gets anywhere."""
 JOINTS = 6
 """Of an arm."""
 ONLY_SIX_JOINTS = (
@@ -529,6 +532,28 @@ class LifterFile(_Part):
     """What it lifts at most, whatever a task says of its cup [N]; None: what the task says."""
 
 
+def _within_margin_range(margin: float) -> float:
+    least, most = MARGIN_RANGE
+    if not least <= margin <= most:
+        raise ValueError(f"{margin:g} m is not within {least:g} to {most:g} m, which is {_mm(least)} to {_mm(most)} mm")
+    return margin
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:g}"
+
+
+class MarginsFile(_Part):
+    """The collision margins of a cell: how far planning keeps apart what must not touch."""
+
+    bodies: Annotated[
+        Number,
+        AfterValidator(_within_margin_range),
+        Field(json_schema_extra={"minimum": MARGIN_RANGE[0], "maximum": MARGIN_RANGE[1]}),
+    ]
+    """Between any two bodies that have nothing to do with one another [m]."""
+
+
 class CellFile(Asset):
     """cells/*.yaml."""
 
@@ -538,6 +563,8 @@ class CellFile(Asset):
     """[m/s^2]"""
     tool_rest: ToolRestFile | None = None
     lifter: LifterFile | None = None
+    margins: MarginsFile | None = None
+    """None: what planning keeps where no cell says otherwise."""
 
     @model_validator(mode="after")
     def _both_arms_are_there(self) -> Self:

@@ -44,7 +44,7 @@ from planners.geometry.convex import CollisionBody, box, sorted_pair
 from planners.geometry.mesh_file import MOST_TRIANGLES
 from planners.geometry.pose import Array, Transform, to_pose7, transform
 from planners.geometry.solid_mesh import SolidMesh
-from planners.plan.scenery import BodyDocument, CellDocument
+from planners.plan.scenery import BodyDocument, CellDocument, MarginsDocument
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +118,14 @@ class CellLifter:
     """What it lifts at most [N]; infinite where the cell does not say."""
 
 
+@dataclass(frozen=True)
+class CellMargins:
+    """The collision margins that a cell asks for."""
+
+    bodies: float
+    """Between any two bodies that have nothing to do with one another [m]."""
+
+
 @dataclass(frozen=True, eq=False)
 class ToolRest:
     """A square socket on the table in which a suction tool stands upright on its cup."""
@@ -156,6 +164,8 @@ class Cell:
     """Name of the file that says where arms, table and platform are."""
     tools: Mapping[str, CellTool]
     """By name, the suction tools that it brings; the shipped ones are there in every cell."""
+    margins: CellMargins | None = None
+    """None: those that planning keeps where no cell says otherwise."""
 
     @cached_property
     def bodies(self) -> tuple[CollisionBody, ...]:
@@ -242,14 +252,21 @@ class Cell:
 
     def document(self) -> CellDocument:
         """Return a plan's `cell`."""
-        return CellDocument(
+        document = CellDocument(
             name=self.name,
             hash=self.hash,
             gravity=self.gravity,
             arms={name: arm.document() for name, arm in self.arms.items()},
             hands={name: arm.hand.document() for name, arm in self.arms.items()},
-            **({"tools": {name: tool.document() for name, tool in self.tools.items()}} if self.tools else {}),
         )
+        # What a cell does not bring is left out, as it was before any could.
+        if self.tools:
+            document = document.model_copy(
+                update={"tools": {name: each.document() for name, each in self.tools.items()}}
+            )
+        if self.margins is not None:
+            document = document.model_copy(update={"margins": MarginsDocument(bodies=self.margins.bodies)})
+        return document
 
 
 @cache
@@ -393,7 +410,9 @@ class CellParts:
         file, mount, arms = self.file, self.mount, self.arms
         if file is None or mount is None or len(arms) < len(ARM_NAMES):
             return None
-        contents = [file.model_dump_json(), mount.model_dump_json()]
+        # A cell that says nothing of margins has the hash that it had before any could.
+        unsaid = {"margins"} if file.margins is None else None
+        contents = [file.model_dump_json(exclude=unsaid), mount.model_dump_json()]
         contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
         contents += [fingerprint((each.mesh.vertices.tobytes(), each.mesh.faces.tobytes())) for each in self.meshes]
         contents += [tool.fingerprint for tool in self.tools.values()]
@@ -413,6 +432,7 @@ class CellParts:
             shelf=self.shelf,
             mount=file.mount,
             tools=self.tools,
+            margins=None if file.margins is None else CellMargins(file.margins.bodies),
         )
 
 

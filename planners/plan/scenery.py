@@ -108,6 +108,13 @@ class ToolDocument(StrictModel):
     cup: ToolCup
 
 
+class MarginsDocument(StrictModel):
+    """The collision margins of a cell."""
+
+    bodies: Positive
+    """That planning keeps between any two bodies that have nothing to do with one another [m]."""
+
+
 class CellDocument(StrictModel):
     """What is needed of the cell to replay and check a plan."""
 
@@ -118,6 +125,8 @@ class CellDocument(StrictModel):
     hands: dict[ArmName, Annotated[HandDocument, Field(discriminator="kind")]]
     tools: dict[str, ToolDocument] | None = None
     """By name, the suction tools that the cell brings beside the shipped ones; left out where it brings none."""
+    margins: MarginsDocument | None = None
+    """Left out where the cell says nothing of them: bodies are kept 3 mm apart then."""
 
 
 class BodyDocument(StrictModel):

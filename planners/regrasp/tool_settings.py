@@ -168,6 +168,14 @@ class ToolPlannerSettings:
         grasps = replace(self.handovers.grasps, fingertips=Fingertips())
         return replace(self, handovers=replace(self.handovers, grasps=grasps))
 
+    def in_cell(self, cell: Cell) -> ToolPlannerSettings:
+        """Return the settings with the collision margins that a cell asks for, if it asks for any."""
+        if cell.margins is None:
+            return self
+        handovers, clearance = self.handovers, replace(self.handovers.clearance, margin=cell.margins.bodies)
+        grasps = replace(handovers.grasps, margin=clearance.near)
+        return replace(self, handovers=replace(handovers, grasps=grasps, clearance=clearance))
+
     def hasty(self) -> ToolPlannerSettings:
         """Return the settings of somebody who gives up early; what they find is found with these too."""
         return replace(self, stopover=replace(self.stopover, faces=0), orders=0, suction_poses=16, tries=10)

@@ -58,7 +58,7 @@ class ToolWorkcell(Workcell):
     def of(scene: SuctionToolScene, settings: ToolClearance | None = None) -> ToolWorkcell:
         """Return the workcell of a scene."""
         bodies = tuple(moved.body for moved in scene.objects)
-        return ToolWorkcell(scene.cell, scene.tool, bodies, scene.obstacles, settings or ToolClearance())
+        return ToolWorkcell(scene.cell, scene.tool, bodies, scene.obstacles, settings or ToolClearance.of(scene.cell))
 
     @property
     def arms(self) -> Mapping[str, Arm]:
@@ -137,7 +137,9 @@ class ToolWorkcell(Workcell):
             only: checks these pairs alone.
         """
         settings, holding = self.settings, frozenset(holding)
-        near = {(name, TOOL_FRAME): settings.finger_margin for arm in {*holding, *around} for name in self.fingers(arm)}
+        near, hands = dict(self._within_arms), {*holding, *around}
+        near |= {(name, TOOL_FRAME): settings.near for arm in hands for name in self._hands[arm]}
+        near |= {(name, TOOL_FRAME): settings.finger_margin for arm in hands for name in self.fingers(arm)}
         meant = {pair: -settings.touch_depth for pair in touching}
         given = dict(margins or {})
         kept = {pair: share * margin if margin > 0.0 else margin for pair, margin in (near | meant | given).items()}
@@ -158,9 +160,16 @@ class ToolWorkcell(Workcell):
         parts = sorted(self.gripper(arm).finger_parts)
         return tuple(f"{arm}_finger_{finger}_{part}" for finger in (0, 1) for part in parts)
 
-    def is_hand(self, body: CollisionBody, arm: str) -> bool:
-        """Tell whether a body is part of the hand of an arm: on its flange, but not the last link."""
-        return body.frame == f"{arm}/6" and body.name != f"{arm}_wrist_3"
+    @cached_property
+    def _within_arms(self) -> dict[NamePair, float]:
+        """Margins of parts of one arm [m]."""
+        return self.settings.within_arms(self.cell.collision_bodies())
+
+    @cached_property
+    def _hands(self) -> dict[str, tuple[str, ...]]:
+        """By arm, the names of all bodies of its hand."""
+        bodies = self.cell.collision_bodies()
+        return {arm: tuple(body.name for body in bodies if self.is_hand(body, arm)) for arm in self.cell.arms}
 
     def _build(self, widths: Mapping[str, float]) -> CollisionModel:
         cell = self.cell

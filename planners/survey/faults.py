@@ -210,11 +210,14 @@ class Meeting:
 
 def meetings_at_home(cell: Cell) -> Iterator[Meeting]:
     """Yield all pairs of bodies, of those that are ever checked, that are nearer at home than planning keeps them."""
-    margin = Clearance().margin
+    clearance, bodies = Clearance.of(cell), cell.collision_bodies()
+    within_arms = clearance.within_arms(bodies)
     frames = {"world": np.eye(4), **arm_frames(cell, cell.home)}
-    for one, other in itertools.combinations(cell.collision_bodies(), 2):
-        if one.frame == other.frame or sorted_pair(one.name, other.name) in cell.excluded_pairs:
+    for one, other in itertools.combinations(bodies, 2):
+        names = sorted_pair(one.name, other.name)
+        if one.frame == other.frame or names in cell.excluded_pairs:
             continue
+        margin = within_arms.get(names, clearance.margin)
         apart = _distance(one, frames[one.frame], other, frames[other.frame])
         if apart < margin:
             yield Meeting((one.name, other.name), apart, margin)

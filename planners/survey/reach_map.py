@@ -125,7 +125,8 @@ class HandLooker:
         arms = {name: (arm.dh, arm.T_world_base) for name, arm in cell.arms.items()}
         model = CollisionModel.build(arms, cell.collision_bodies(), cell.excluded_pairs)
         self._cell, self._turns = cell, turns
-        self._query = model.scene({}, margin=Clearance().margin)
+        clearance = Clearance.of(cell)
+        self._query = model.scene({}, margin=clearance.margin, margins=clearance.within_arms(model.bodies))
 
     def look(self, arm: str, places: Array) -> tuple[NDArray[np.bool_], Array]:
         """Return whether a hand gets to places (p, 3) [m] each way (p, ways), and what it may hold there (p,) [kg]."""

@@ -15,6 +15,7 @@ from planners.cell.cell import Cell
 from planners.cell.hand import Gripper, Pusher
 from planners.contract.strict_model import StrictModel
 from planners.geometry.pose import Array
+from planners.hands.workcell import Clearance
 from planners.progress import Progress, silent
 from planners.survey.reach_map import HandLooker, ReachMap, ReachMapSettings, map_reach, turns_about
 
@@ -84,6 +85,8 @@ class SurveyFigures(StrictModel):
     """None: the cell does not have two grippers, or they never meet."""
     tools: tuple[str, ...] = ()
     """Suction tools that the cell brings beside the shipped ones."""
+    margin: float = Clearance().margin
+    """That planning keeps between bodies that have nothing to do with one another [m]."""
 
     @computed_field
     @property
@@ -110,6 +113,7 @@ class SurveyFigures(StrictModel):
             )
             litres = 1e3 * self.handover.volume
             said.append(f"The grippers meet in {litres:.0f} litres, between ({low}) and ({high}) m.")
+        said.append(f"Planning keeps bodies {1e3 * self.margin:g} mm apart.")
         if self.tools:
             said.append(f"Suction tools of its own: {', '.join(self.tools)}.")
         return said
@@ -166,6 +170,7 @@ class CellSurvey:
             plate=self._largest_plate(),
             handover=self._handover(),
             tools=tuple(sorted(cell.tools)),
+            margin=Clearance.of(cell).margin,
         )
 
     def _largest_plate(self) -> PlateFigures | None:

@@ -89,7 +89,8 @@ class Pipeline:
 
         Those of other tools and cells are computed for the first task that asks for them, and kept.
         """
-        cell, standing = self.solver.cells[reference_tool_tasks()[0].cell], ToolPlannerSettings()
+        cell = self.solver.cells[reference_tool_tasks()[0].cell]
+        standing = ToolPlannerSettings().in_cell(cell)
         for name in PREPARED_TOOLS:
             tool = self.solver.tools[name]
             for settings in (standing, standing.with_fingertips()):

@@ -54,13 +54,14 @@ class LiftWorkcell(Workcell):
     """Name of the arm that grips."""
     pusher: str
     """Name of the arm that pushes."""
-    settings: LiftClearance = field(default_factory=LiftClearance)
+    settings: LiftClearance = field(init=False)
     holding: CollisionModel = field(init=False)
     open: CollisionModel = field(init=False)
     start_margins: dict[tuple[str, str], float] = field(init=False)
     """Of bodies that the task puts closer together than the margin [m]."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "settings", LiftClearance.of(self.scene.cell))
         object.__setattr__(self, "holding", self._model(self.grip_width))
         object.__setattr__(self, "open", self._model(self.open_width))
         object.__setattr__(self, "start_margins", self._margins_at_start())
@@ -122,8 +123,11 @@ class LiftWorkcell(Workcell):
 
         Of all margins a share is kept.
         """
+        hands = frozenset(hands)
         touching, fingers = self._contacts(hands)
-        margins = self.start_margins | {(finger, "plate"): self.settings.finger_margin for finger in fingers}
+        near = {(name, "plate"): self.settings.near for arm in hands for name in self._hands[arm]}
+        close = {(finger, "plate"): self.settings.finger_margin for finger in fingers}
+        margins = self._within_arms | near | self.start_margins | close
         places = {PLATE_FRAME: plate, self.cable_frame: Upright(PLATE_FRAME, self.scene.cup.cable_anchor)}
         return model.scene(
             {frame: places[frame] for frame in model.movable_frames},
@@ -210,7 +214,18 @@ class LiftWorkcell(Workcell):
         frames[self.cable_frame] = transform(position=anchor)
         placed_bodies = [placed_body(body, frames[body.frame], None) for body in self.open.bodies]
         gaps = gaps_below(placed_bodies, settings.margin, self.open.pair_index)
-        return {names: max(0.0, gap - settings.rounding) for names, gap in gaps.items()}
+        kept = {names: gap for names, gap in gaps.items() if gap < self._within_arms.get(names, settings.margin)}
+        return {names: max(0.0, gap - settings.rounding) for names, gap in kept.items()}
+
+    @cached_property
+    def _within_arms(self) -> dict[tuple[str, str], float]:
+        """Margins of parts of one arm [m]."""
+        return self.settings.within_arms(self.open.bodies)
+
+    @cached_property
+    def _hands(self) -> dict[str, tuple[str, ...]]:
+        """By arm, the names of all bodies of its hand."""
+        return {arm: tuple(body.name for body in self.open.bodies if self.is_hand(body, arm)) for arm in self.arms}
 
     def _model(self, width: float, *, lifter: bool = True) -> CollisionModel:
         scene = self.scene

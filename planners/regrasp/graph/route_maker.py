@@ -83,7 +83,9 @@ class RouteMaker:
             positions[node, 0] = state.q[self.workcell.joints(state.holder.arm)]
             return RouteStart(nodes, positions, None)
         if self._at_rest is None or self._at_rest[0] is not state:
-            reach = self._reach(state, {}, {}, self._grasp_settings)
+            # It may stand closer to its rest than bodies are kept apart, and comes off it beside that.
+            beside = self.queries.close_pairs(state, frozenset({TOOL_FRAME}))
+            reach = self._reach(state, {}, beside, self._grasp_settings)
             load = LayerLoad.of(self.static_hold, None, self.settings.torque.posture_reserve)
             rest = GraspLayer(state.T_world_tool, reach, self.settings.carry.off_rest(self.workcell.cell) * _UP, load)
             nodes = rest.ask(np.ones(2 * count, dtype=bool))

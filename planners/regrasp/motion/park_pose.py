@@ -41,9 +41,8 @@ def park_poses(scene: SuctionToolScene, workcell: ToolWorkcell) -> dict[str, Arr
     parked = {}
     for arm in workcell.cell.arms:
         model = workcell.model(scene.start_widths)
-        queries = [
-            model.scene({**tool, **objects}, margin=CLEARANCE, only=workcell.with_arm(arm)) for objects in placements
-        ]
+        margin, chosen = max(CLEARANCE, workcell.settings.margin), workcell.with_arm(arm)
+        queries = [model.scene({**tool, **objects}, margin=margin, only=chosen) for objects in placements]
         parked[arm] = _first_free(scene, workcell, arm, queries)
     return parked
 
