@@ -11,6 +11,7 @@ const LAYERS = [
   ["goal", "Ghost of the goal", "G", false],
   ["places", "Places of the cup considered", "V", false],
   ["grasps", "Grasps considered", "H", false],
+  ["map", "Map of the study", "M", true, "Click a tile to open its plan"],
 ];
 /** Layers that are shown at first. */
 const FIRST_LAYERS = new Set(LAYERS.filter(([, , , first]) => first).map(([name]) => name));
@@ -47,7 +48,28 @@ class Panel {
 
   /** Layers that this plan has. */
   get layerRows() {
-    return LAYERS.filter(([name]) => !SIGNS.includes(name) || this.description?.considered);
+    return LAYERS.filter(([name]) => name === "map" ? this.study : !SIGNS.includes(name) || this.description?.considered);
+  }
+
+  /** Tell of the map of a study that is painted onto the plate, or why it is not; null: of none. */
+  tellStudy(study) {
+    this.study = study;
+    if (this.current === "View" && this.description) this.open("View");
+  }
+
+  /** How far the study is, what its colours mean, and where all of it is told. */
+  studied() {
+    if (!this.study) return [];
+    const { study, count, outcomes, refusal } = this.study;
+    const all = element("p", { className: "quiet" }, element("a", { href: `study?study=${study}`, textContent: "The whole study" }));
+    if (!outcomes) return [heading("Study"), Object.assign(quiet(refusal), { id: "study-told" }), all];
+    const known = Object.values(outcomes).reduce((sum, each) => sum + each, 0);
+    const words = known < count ? `${known} of ${count} points are known so far` : `${outcomes.solved} of ${count} cup places are solved`;
+    const scale = element("div", { className: "map-scale" });
+    scale.setAttribute("aria-hidden", "true");
+    const ends = element("div", { className: "map-ends" }, element("span", {}, "0 % kept back"), element("span", {}, "20 % and more"));
+    const told = quiet(refusal ?? `${words}; grey ones are not. Click a tile to open its plan.`);
+    return [heading("Map on the plate"), scale, ends, Object.assign(told, { id: "study-told" }), all];
   }
 
   open(name) {
@@ -86,6 +108,7 @@ class Panel {
     return [
       ...this.remedies(description),
       ...this.leastReserve(description),
+      ...this.studied(),
       heading("Show"), this.layers(),
       heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), Object.assign(heading("Keys"), { className: "keys-heading" }), keys,
     ];
