@@ -52,7 +52,8 @@ class Capabilities(Resource):
     lifter_models: list[str]
     """Of plate lifts."""
     tools: list[str]
-    """Suction tools by name; a task may also describe one of its own."""
+    """Shipped suction tools by name; a task may also name one that its cell brings, see `cell_limits`, or describe one
+    of its own."""
     shapes: list[str]
     """Of objects, tools and obstacles; a plate and its support are no mesh."""
     meshes: list[str]

@@ -17,8 +17,10 @@ from pydantic import (
     model_validator,
 )
 
+from planners.contract.quantities import Mass, Point3, Pose
 from planners.contract.scan_spec import MarkersSpec
-from planners.contract.task_spec import CustomTool
+from planners.contract.shapes import Mesh
+from planners.contract.task_spec import CustomTool, ToolCup, ToolPart
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
 NAME_PATTERN = r"^[A-Za-z0-9_-]{1,64}$"
@@ -60,6 +62,8 @@ MOST_BODIES = 200
 """Of a platform, and as many columns: each is checked against all that moves, and pairs take time and memory."""
 
 
+MOST_TOOLS = 50
+"""That a cell brings: plan documents carry them."""
 JOINTS = 6
 """Of an arm."""
 ONLY_SIX_JOINTS = (
@@ -398,19 +402,53 @@ class StickFile(_HandFile):
 HandFile = GripperFile | JawsFile | StickFile
 
 
-class ToolFile(Asset):
-    """tools/*.yaml: a suction tool, as a task would describe its own, with a stated centre of mass."""
+class ToolMeshFile(_Part):
+    """A part of a tool that is a mesh among the files of the cell: one closed solid, in the tool frame by `pose`."""
 
-    tool: CustomTool
+    mesh: MeshFile
+    pose: Pose
+    """Mesh frame in the tool frame."""
+
+
+def _of_no_upload(part: ToolPart) -> ToolPart:
+    if isinstance(part.shape, Mesh) and part.shape.upload is not None:
+        raise ValueError("a cell has its meshes among its own files: mesh: {path: ...} in place of shape")
+    return part
+
+
+def _kind_of_tool_part(part: Any) -> str:
+    is_mesh = isinstance(part, ToolMeshFile) or (isinstance(part, Mapping) and "mesh" in part)
+    return "[mesh]" if is_mesh else "[shape]"
+
+
+ToolPartFile = Annotated[
+    Annotated[ToolPart, AfterValidator(_of_no_upload), Tag("[shape]")] | Annotated[ToolMeshFile, Tag("[mesh]")],
+    Discriminator(_kind_of_tool_part),
+]
+
+
+class DescribedToolFile(_Part):
+    """A suction tool as a task would describe its own, but for meshes; the frame is that of `CustomTool`."""
+
+    shapes: Annotated[tuple[ToolPartFile, ...], Field(min_length=1, max_length=64)]
+    mass: Mass
+    com: Point3
+    """Centre of mass in the tool frame [m]. The certificate takes it from here, so as not to ask the shapes that the
+    planner asked."""
+    cup: ToolCup
+
+    def as_task(self) -> CustomTool | None:
+        """Return what a task would say of it; None: it has a mesh of the cell's files, which no task can name."""
+        parts = tuple(part for part in self.shapes if isinstance(part, ToolPart))
+        return CustomTool(shapes=parts, mass=self.mass, com=self.com, cup=self.cup) if parts == self.shapes else None
+
+
+class ToolFile(Asset):
+    """tools/*.yaml: a suction tool."""
+
+    tool: DescribedToolFile
     markers: MarkersSpec | None = None
     """By which cameras find it."""
-
-    @model_validator(mode="after")
-    def _states_its_centre_of_mass(self) -> Self:
-        # The certificate takes it from here, so as not to ask the shapes that the planner asked.
-        if self.tool.com is None:
-            raise ValueError("tool.com is required")
-        return self
 
 
 class ArmMountFile(PlacementFile):

@@ -8,7 +8,7 @@ import re
 import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -38,6 +38,7 @@ from planners.cell.asset_files import (
 )
 from planners.contract.problems import json_pointer, problem_of
 from planners.contract.strict_yaml import NotYaml, parse_yaml
+from planners.contract.task_spec import UNION_TAGS, CustomTool
 from planners.errors import AssetError, AssetFault, AssetFaults
 from planners.geometry.mesh_file import MeshFormat, MeshRefused, obj_vertices, read_mesh_file
 from planners.geometry.pose import Array
@@ -90,6 +91,11 @@ class AssetShelf:
         """List the names of all files of a kind."""
         return sorted({path.stem for folder in self.folders for path in (folder / kind).glob("*.yaml")})
 
+    def own_names(self, kind: AssetKind) -> list[str]:
+        """List the names of the files of a kind that are not shipped."""
+        shipped = shipped_shelf().folders
+        return replace(self, folders=tuple(folder for folder in self.folders if folder not in shipped)).names(kind)
+
     def find(self, kind: AssetKind, name: str) -> Path:
         """Return the file of a name.
 
@@ -140,8 +146,8 @@ class AssetShelf:
             where = "" if mesh.package is None else f" of the package {mesh.package!r}"
             raise AssetError(f"{mesh.path}{where} spans no volume") from error
 
-    def solid(self, mesh: MeshFile) -> SolidMesh:
-        """Return the closed solid that a mesh is, in its own frame [m].
+    def solid(self, mesh: MeshFile, longest: float = LONGEST_STILL) -> SolidMesh:
+        """Return the closed solid that a mesh is, in its own frame [m]; no side of it may be longer than `longest` [m].
 
         Raises:
             AssetError: There is no such mesh, it encloses no one solid, or is larger than any part of a cell.
@@ -151,12 +157,10 @@ class AssetShelf:
             solid = self._taken(path.read_bytes(), _format_of(path)).scaled(mesh.scale)
         except MeshRefused as error:
             raise AssetError(f"{mesh.path}: {error}") from error
-        longest = float(solid.size.max())
-        if not SHORTEST_STILL <= longest <= LONGEST_STILL:
+        size = float(solid.size.max())
+        if not SHORTEST_STILL <= size <= longest:
             hint = "; is the unit of the file what scale says, metres unless told?"
-            raise AssetError(
-                f"{mesh.path} is {longest:.4g} m long; {SHORTEST_STILL:g} to {LONGEST_STILL:g} m fit{hint}"
-            )
+            raise AssetError(f"{mesh.path} is {size:.4g} m long; {SHORTEST_STILL:g} to {longest:g} m fit{hint}")
         return solid
 
     def _taken(self, content: bytes, file_format: MeshFormat) -> SolidMesh:
@@ -274,6 +278,14 @@ def shipped_tool(name: str) -> ToolFile:
     return read_tool_file(shipped_shelf().find("tools", name))
 
 
+def described_tool(name: str) -> CustomTool:
+    """Return what a task would say of a shipped tool; arguments and errors as of `shipped_tool`."""
+    described = shipped_tool(name).tool.as_task()
+    if described is None:
+        raise AssetError(f"the tool {name} has a mesh that no task can name")
+    return described
+
+
 def known_meshes() -> list[str]:
     """List the names of the meshes that are shipped for tasks."""
     return sorted(path.stem for path in (assets_folder() / MESHES).glob("*.obj"))
@@ -342,8 +354,14 @@ def _read(model: type[_File], path: Path) -> _File:
 
 
 def _fault(fault: ErrorDetails, model: type[BaseModel], file: str) -> AssetFault:
-    """Return one of pydantic's faults. Steps in brackets are its own: a key of a mapping, a kind among several."""
-    pointer = json_pointer(step for step in fault["loc"] if not str(step).startswith("["))
+    """Return one of pydantic's faults.
+
+    Steps in brackets are its own, a key of a mapping or a kind among several; and so is a shape's type behind `shape`.
+    """
+    steps = zip(("", *fault["loc"]), fault["loc"], strict=False)
+    pointer = json_pointer(
+        step for before, step in steps if not (str(step).startswith("[") or (before == "shape" and step in UNION_TAGS))
+    )
     kind, context = fault["type"], fault.get("ctx", {})
     if kind == "string_pattern_mismatch":
         return AssetFault(_PLAIN.get(context.get("pattern", ""), problem_of(fault).detail), file, pointer)

@@ -21,6 +21,7 @@ from typing import Any, Self
 from pydantic.json_schema import models_json_schema
 
 from planners.cell.asset_files import (
+    MOST_TOOLS,
     NAME_PATTERN,
     RELATIVE_PATH,
     CellFile,
@@ -30,6 +31,7 @@ from planners.cell.asset_files import (
     RobotFile,
     SensorFile,
     StickFile,
+    ToolFile,
     UrdfRobotFile,
 )
 from planners.cell.asset_shelf import (
@@ -45,6 +47,7 @@ from planners.cell.asset_shelf import (
 )
 from planners.cell.cell import Cell, CellParts, read_cell
 from planners.cell.urdf_robot import RobotFigures, robot_from_urdf
+from planners.contract.problems import json_pointer
 from planners.errors import AssetError, AssetFault, AssetFaults
 
 MOST_FILES = 500
@@ -255,11 +258,20 @@ def _shelf_at(folder: Path) -> AssetShelf:
 
 def cell_schema() -> dict[str, Any]:
     """Return the JSON schema of a cell as one document: each part may stand where it is named."""
-    models = (MountFile, RobotFile, UrdfRobotFile, GripperFile, JawsFile, StickFile, SensorFile)
+    models = (MountFile, RobotFile, UrdfRobotFile, GripperFile, JawsFile, StickFile, SensorFile, ToolFile)
     _, parts = models_json_schema([(model, "validation") for model in models])
     schema = CellFile.model_json_schema()
     definitions: dict[str, Any] = {**schema.pop("$defs"), **parts["$defs"]}
     schema["$defs"] = definitions
+    # Under `tools` its name is that of its member.
+    definitions.get(ToolFile.__name__, {}).update(required=["tool"])
+    tools = {
+        "additionalProperties": {"$ref": f"#/$defs/{ToolFile.__name__}"},
+        "description": "Suction tools that the cell brings beside the shipped ones, by their names.",
+        "maxProperties": MOST_TOOLS,
+        "type": "object",
+    }
+    schema.setdefault("properties", {}).update(tools=tools)
     hands = ("GripperFile", "JawsFile", "StickFile")
     places = [(schema, "mount", ("MountFile",)), (definitions["ArmFile"], "robot", ("RobotFile", "UrdfRobotFile"))]
     places += [
@@ -334,7 +346,11 @@ class _Layout:
                 raise AssetError(AssetFault(WHAT_NAMES_ARE, pointer="/name"))
             if stem is not None and stem != given:
                 raise AssetError(AssetFault(f"must be that of the file, {stem!r}", pointer="/name"))
-            if self._take_parts(kind, data, origin) or not name.endswith(".yaml"):
+            taken = self._take_parts(kind, data, origin)
+            if kind == "cells" and "tools" in data:
+                self._take_tools(data.pop("tools"), origin)
+                taken = True
+            if taken or not name.endswith(".yaml"):
                 content = _written(data)
             self._keep(f"{kind}/{given}.yaml", data, content, origin)
 
@@ -358,6 +374,19 @@ class _Layout:
             with self._told_of(path, origin):
                 self._keep(path, part, _written(part), origin)
         return taken
+
+    def _take_tools(self, tools: Any, holder_origin: PartOrigin) -> None:
+        """Give each suction tool that stands in a cell's file, under its name, a file of its own."""
+        if not isinstance(tools, dict):
+            raise AssetError(AssetFault("must be a mapping: tools by their names", pointer="/tools"))
+        for name, tool in tools.items():
+            path, pointer = f"tools/{name}.yaml", json_pointer(["tools", name])
+            with self._told_of(path, replace(holder_origin, pointer=f"{holder_origin.pointer}{pointer}")) as origin:
+                if not isinstance(tool, dict):
+                    raise AssetError("must be a mapping of fields")
+                if not re.fullmatch(NAME_PATTERN, name) or tool.setdefault("name", name) != name:
+                    raise AssetError(f"a tool is called as its member is, and a name {WHAT_NAMES_ARE}")
+                self._keep(path, tool, _written(tool), origin)
 
     def _keep(self, path: str, data: Mapping[str, Any], content: bytes, origin: PartOrigin) -> None:
         """Keep a part, a robot that is described by a URDF as what that says."""
@@ -387,10 +416,10 @@ class _Layout:
         return _written(robot.file.model_dump(mode="json", exclude_none=True)), PartOrigin(file.urdf, None)
 
     @contextmanager
-    def _told_of(self, path: str, origin: PartOrigin) -> Iterator[None]:
+    def _told_of(self, path: str, origin: PartOrigin) -> Iterator[PartOrigin]:
         """Gather what is wrong with the part that would be kept so; faults without a file are of where it stands."""
         try:
-            yield
+            yield origin
         except AssetError as error:
             self.told.add(path)
             self.faults.take(each if each.file else origin.of(each) for each in error.faults)

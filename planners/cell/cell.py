@@ -16,6 +16,7 @@ import numpy as np
 from planners.cell.arm import Arm, Robot, load_robot
 from planners.cell.asset_files import (
     ARM_NAMES,
+    MOST_TOOLS,
     ArmSide,
     BoxFile,
     CellFile,
@@ -35,6 +36,7 @@ from planners.cell.asset_shelf import (
     read_mount_file,
     shipped_shelf,
 )
+from planners.cell.cell_tool import CellTool, load_cell_tool
 from planners.cell.hand import Gripper, Pusher, load_hand
 from planners.contract.shapes import Box, InlineMesh
 from planners.errors import AssetError, AssetFaults
@@ -152,6 +154,8 @@ class Cell:
     """Where its files were found."""
     mount: str
     """Name of the file that says where arms, table and platform are."""
+    tools: Mapping[str, CellTool]
+    """By name, the suction tools that it brings; the shipped ones are there in every cell."""
 
     @cached_property
     def bodies(self) -> tuple[CollisionBody, ...]:
@@ -244,6 +248,7 @@ class Cell:
             gravity=self.gravity,
             arms={name: arm.document() for name, arm in self.arms.items()},
             hands={name: arm.hand.document() for name, arm in self.arms.items()},
+            **({"tools": {name: tool.document() for name, tool in self.tools.items()}} if self.tools else {}),
         )
 
 
@@ -324,6 +329,8 @@ class CellParts:
     """Those of which robot, hand and place are there, left first."""
     meshes: tuple[StaticMesh, ...]
     """Those of the mount that can be read."""
+    tools: Mapping[str, CellTool]
+    """Those of its suction tools that can be read."""
     shelf: AssetShelf
     """Where the files were found."""
 
@@ -350,15 +357,16 @@ class CellParts:
                     robots[name] = load_robot(name, shelf)
                 elif kind == "hands" and name and name not in hands:
                     hands[name] = load_hand(name, shelf)
+        tools = _tools(shelf, str(path), faults)
         if mount is None:
-            return cls(file, mount, {}, (), shelf)
+            return cls(file, mount, {}, (), tools, shelf)
         arms = dict[str, Arm]()
         for side in ARM_NAMES:
             robot, hand = (named.get(f"arms/{side}/{member}", "") for member in ("robot", "hand"))
             if robot in robots and hand in hands:
                 arms[side] = _arm(side, mount, robots[robot], hands[hand])
         _check_payloads(arms, str(path), faults)
-        return cls(file, mount, arms, _meshes(mount, shelf, faults), shelf)
+        return cls(file, mount, arms, _meshes(mount, shelf, faults), tools, shelf)
 
     def whole(self, faults: AssetFaults) -> Cell:
         """Return the cell, in which nothing is wrong.
@@ -388,11 +396,24 @@ class CellParts:
         contents = [file.model_dump_json(), mount.model_dump_json()]
         contents += [text for arm in arms.values() for text in (arm.robot.fingerprint, arm.hand.fingerprint)]
         contents += [fingerprint((each.mesh.vertices.tobytes(), each.mesh.faces.tobytes())) for each in self.meshes]
+        contents += [tool.fingerprint for tool in self.tools.values()]
         digest = fingerprint(text.encode() for text in contents)
         rest = None if file.tool_rest is None else _tool_rest(file.tool_rest, mount)
         boxes = (*_boxes(mount), *(() if rest is None else rest.walls))
         gravity, lifter = np.array(file.gravity), _lifter(file.lifter or LifterFile())
-        return Cell(file.name, digest, dict(arms), boxes, self.meshes, gravity, rest, lifter, self.shelf, file.mount)
+        return Cell(
+            name=file.name,
+            hash=digest,
+            arms=dict(arms),
+            boxes=boxes,
+            meshes=self.meshes,
+            gravity=gravity,
+            tool_rest=rest,
+            lifter=lifter,
+            shelf=self.shelf,
+            mount=file.mount,
+            tools=self.tools,
+        )
 
 
 def _arm(side: ArmSide, mount: MountFile, robot: Robot, hand: Gripper | Pusher) -> Arm:
@@ -430,6 +451,18 @@ def _meshes(mount: MountFile, shelf: AssetShelf, faults: AssetFaults) -> tuple[S
                     triangles += len(known[file.mesh].faces)
                 meshes.append(StaticMesh(f"platform_{name}", "frame", known[file.mesh], file.transform()))
     return tuple(meshes)
+
+
+def _tools(shelf: AssetShelf, path: str, faults: AssetFaults) -> dict[str, CellTool]:
+    """Load the suction tools of a cell's own folders."""
+    tools, names = dict[str, CellTool](), shelf.own_names("tools")
+    if len(names) > MOST_TOOLS:
+        faults.add(f"brings {len(names)} suction tools; at most {MOST_TOOLS} are taken", path)
+        return tools
+    for name in names:
+        with faults.at(str(shelf.find("tools", name))):
+            tools[name] = load_cell_tool(name, shelf)
+    return tools
 
 
 def _lifter(file: LifterFile) -> CellLifter:

@@ -279,6 +279,7 @@ class SuctionToolOptions(PlanningOptions):
 
 
 ToolName = Literal["carton_lifter", "long_symmetric", "long_symmetric_large_pad", "short_asymmetric"]
+"""Of a shipped one; a cell may bring others."""
 
 
 def _tool_form(tool: Any) -> str:
@@ -286,7 +287,7 @@ def _tool_form(tool: Any) -> str:
 
 
 Tool = Annotated[
-    Annotated[ToolName, Tag("tool by name")] | Annotated[CustomTool, Tag("custom tool")], Discriminator(_tool_form)
+    Annotated[Name, Tag("tool by name")] | Annotated[CustomTool, Tag("custom tool")], Discriminator(_tool_form)
 ]
 
 
@@ -296,6 +297,7 @@ class SuctionToolTask(StrictModel):
     kind: Literal["suction_tool"]
     cell: Name = "dual_ur3e_tool"
     tool: Tool = "long_symmetric"
+    """Name of a shipped one or of one that the cell brings, or a description."""
     tool_pose: Pose | None = None
     """None: the cell's tool rest."""
     scene_id: SceneId | None = None

@@ -10,6 +10,7 @@ from pydantic import Field
 from planners.contract.arrays import ArmName, OneOf, PoseRow, Positive, Real, Rows, SixJoints, Vector
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
 from planners.contract.strict_model import StrictModel
+from planners.contract.task_spec import ToolCup
 from planners.geometry.pose import Array, Transform, from_pose7
 
 ARMS: tuple[ArmName, ArmName] = ("left", "right")
@@ -88,6 +89,25 @@ class StickDocument(StrictModel):
 HandDocument = GripperDocument | StickDocument
 
 
+class ToolPartDocument(StrictModel):
+    """One shape of a tool."""
+
+    shape: Annotated[Box | Cylinder | Prism | InlineMesh, Field(discriminator="type")]
+    pose: PoseRow
+    """Shape frame in the tool frame."""
+
+
+class ToolDocument(StrictModel):
+    """A suction tool that a cell brings; its origin is the centre of the cup's lip, +z runs up the shaft."""
+
+    shapes: tuple[ToolPartDocument, ...]
+    mass: Positive
+    """[kg]"""
+    com: Vector
+    """Centre of mass in the tool frame [m]."""
+    cup: ToolCup
+
+
 class CellDocument(StrictModel):
     """What is needed of the cell to replay and check a plan."""
 
@@ -96,6 +116,8 @@ class CellDocument(StrictModel):
     gravity: Vector
     arms: dict[ArmName, ArmDocument]
     hands: dict[ArmName, Annotated[HandDocument, Field(discriminator="kind")]]
+    tools: dict[str, ToolDocument] | None = None
+    """By name, the suction tools that the cell brings beside the shipped ones; left out where it brings none."""
 
 
 class BodyDocument(StrictModel):

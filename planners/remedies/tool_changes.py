@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
+from planners.cell.asset_shelf import described_tool
 from planners.contract.task_spec import CustomTool, ObjectToMove, Obstacle, SuctionToolTask
 from planners.geometry.pose import Array
 from planners.plan.plan import Plan
@@ -27,7 +28,7 @@ from planners.remedies.change import (
 )
 from planners.remedies.directions import between_arms, least_reach, straight_ways, straightest, told_move, way_to_best
 from planners.scene.standing import listed
-from planners.scene.suction_tool import tool_descriptions
+from planners.scene.suction_tool import tools_in
 from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
@@ -272,33 +273,36 @@ class ToolChanges:
     # The tool and what bears it.
 
     def _tool(self) -> Iterator[TaskChange]:
-        others = [name for name in tool_descriptions() if name != self.task.tool]
+        others = [name for name in tools_in(self._cell) if name != self.task.tool]
         yield from self._of(TaskChange("tool", f'Use the tool "{name}".', (put("/tool", name),)) for name in others)
 
-    def _description(self) -> CustomTool:
+    def _description(self) -> CustomTool | None:
+        """Return what a task would say of the tool; None: it has meshes that no task can name."""
         tool = self.task.tool
-        return tool if isinstance(tool, CustomTool) else tool_descriptions()[tool]
+        if isinstance(tool, CustomTool):
+            return tool
+        own = self._cell.tools.get(tool)
+        return described_tool(tool) if own is None else own.file.tool.as_task()
 
     def _cup_force(self) -> Iterator[TaskChange]:
-        stated = self._description().cup.max_force
+        tool = self._description()
+        if tool is None:
+            return
+        stated = tool.cup.max_force
         for more in _STRONGER:
             force = round(more * stated, 1)
             told = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
-            yield from self._of([self._other_cup("cup_force", told, {"max_force": force})])
+            yield from self._of([_other_cup(tool, "cup_force", told, {"max_force": force})])
 
     def _cup_radius(self) -> Iterator[TaskChange]:
-        stated = self._description().cup.radius
+        tool = self._description()
+        if tool is None:
+            return
+        stated = tool.cup.radius
         for share in _OTHER_CUPS:
             radius = round(share * stated, 4)
             told = f"Use a cup of {1e3 * radius:.3g} mm radius instead of {1e3 * stated:.3g} mm."
-            yield from self._of([self._other_cup("cup_radius", told, {"radius": radius})])
-
-    def _other_cup(self, kind: str, sentence: str, members: dict[str, float]) -> TaskChange:
-        """Describe the tool in full, with another cup; what follows from the cup's force follows from the new one."""
-        tool = self._description()
-        cup = {"radius": tool.cup.radius, "max_force": tool.cup.max_force, "mu": tool.cup.mu} | members
-        described = {**tool.model_dump(mode="json"), "cup": {**cup}}
-        return TaskChange(kind, sentence, (put("/tool", described),))
+            yield from self._of([_other_cup(tool, "cup_radius", told, {"radius": radius})])
 
     def _limits(self) -> Iterator[TaskChange]:
         """All that the arms' payloads and the gripper allow, where the task asks for less."""
@@ -310,3 +314,10 @@ class ToolChanges:
         if self.task.grip_force_limit < most:
             sentence = f"Let a finger press with up to {most:g} N instead of {self.task.grip_force_limit:g} N."
             yield from self._of([TaskChange("hand_limits", sentence, (put("/grip_force_limit", most),))])
+
+
+def _other_cup(tool: CustomTool, kind: str, sentence: str, members: dict[str, float]) -> TaskChange:
+    """Describe a tool in full, with another cup; what follows from the cup's force follows from the new one."""
+    cup = {"radius": tool.cup.radius, "max_force": tool.cup.max_force, "mu": tool.cup.mu} | members
+    described = {**tool.model_dump(mode="json"), "cup": {**cup}}
+    return TaskChange(kind, sentence, (put("/tool", described),))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from planners.cell.cell import Cell, StaticBox, known_cells, load_cell
 from planners.contract.shapes import Box
@@ -19,6 +20,12 @@ from planners.scene.solid import Solid, solid_of
 
 CONTAINMENT_SLACK = 1e-9
 """Rounding allowed where a point must lie inside a body [m]."""
+
+
+def in_hull(solid: Solid, point: Array) -> bool:
+    """Tell whether (3,) `point` is inside the convex hull: the centre of mass of an angle is beside it."""
+    planes = ConvexHull(solid.surface()[0]).equations
+    return float((planes[:, :3] @ point + planes[:, 3]).max()) <= CONTAINMENT_SLACK
 
 
 def box_top(box: StaticBox) -> LevelFace:

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Self
 
 import numpy as np
-from scipy.spatial import ConvexHull, KDTree
+from scipy.spatial import KDTree
 
 from planners.cell.cell import Cell
 from planners.contract.task_spec import ObjectToMove, SuctionToolTask
@@ -27,12 +27,12 @@ from planners.scene.clashes import (
     refuse_overlaps,
 )
 from planners.scene.moved_object import MovedObject, symmetry_turns
-from planners.scene.placements import CONTAINMENT_SLACK, box_top, still_excess
-from planners.scene.rest import REST_GAP, Footing, LevelFace, Unsupported, find_footing, level_places, lowest_point
+from planners.scene.placements import box_top, in_hull, still_excess
+from planners.scene.rest import Footing, LevelFace, Unsupported, find_footing, level_places, lowest_point
 from planners.scene.shape_source import ShapeSource, mesh_solid
-from planners.scene.solid import ExtrudedSolid, Solid
+from planners.scene.solid import ExtrudedSolid
 from planners.scene.standing import Fall, Standing, first_fall
-from planners.scene.suction_tool import SuctionTool, load_tool
+from planners.scene.suction_tool import SuctionTool, check_tool, find_tool
 
 RAISE = 1e-4
 """So far above what carries it, beyond what their drawings exceed them by, a body must be clear of it [m]."""
@@ -93,9 +93,8 @@ def place_tool(
         SceneError: It is no tool, or does not rest.
     """
     T_world_tool = _tool_pose(task, cell)
-    known = tools.get(task.tool) if isinstance(task.tool, str) else None
-    tool = load_tool(task.tool, shapes=shapes) if known is None else known
-    _check_tool(tool)
+    tool = find_tool(task.tool, cell, shapes, tools)
+    check_tool(tool)
     footing = find_footing(tool.body.solid, T_world_tool, tool.com, still.places)
     if isinstance(footing, Unsupported):
         raise SceneError("/tool_pose", f"the tool {footing.reason}")
@@ -185,7 +184,7 @@ def refuse_overlaps_but_rest(
 def _body(given: ObjectToMove, pointer: str, shapes: ShapeSource) -> Body:
     shape, solid = shapes.find(given.shape, f"{pointer}/shape")
     com = solid.centroid if given.com is None else np.array(given.com)
-    if not _in_hull(solid, com):
+    if not in_hull(solid, com):
         raise SceneError(f"{pointer}/com", f"the centre of mass is not inside {given.name}")
     return Body(given.name, "object", shape, solid, given.mass, com, from_pose7(given.pose), static=False)
 
@@ -207,23 +206,6 @@ def _refuse_unfit(tool: Body, cell: Cell, still: StillBodies) -> None:
             f"the rest of {cell.name}, where a tool stands if nothing is said, does not take this one: {unfit.detail}"
         )
         raise SceneError("/tool_pose", f"{detail}; say where it stands, for instance on the table") from unfit
-
-
-def _check_tool(tool: SuctionTool) -> None:
-    """Refuse a description that cannot be a tool with its cup's lip at the origin."""
-    if not _in_hull(tool.body.solid, tool.com):
-        raise SceneError("/tool/com", "the centre of mass is not inside the tool")
-    lowest = float(tool.body.solid.surface()[0][:, 2].min())
-    if abs(lowest) > REST_GAP:
-        where = "below" if lowest < 0.0 else "above"
-        detail = f"the tool ends {1e3 * abs(lowest):.4g} mm {where} its origin, which is the centre of the cup's lip"
-        raise SceneError("/tool/shapes", detail)
-
-
-def _in_hull(solid: Solid, point: Array) -> bool:
-    """Tell whether (3,) `point` is inside the convex hull: the centre of mass of an angle is beside it."""
-    planes = ConvexHull(solid.surface()[0]).equations
-    return float((planes[:, :3] @ point + planes[:, 3]).max()) <= CONTAINMENT_SLACK
 
 
 Refuse = Callable[[int, str, str], SceneError]

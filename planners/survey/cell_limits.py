@@ -47,6 +47,8 @@ class CellLimits(DescribedModel):
 
     table: TableLimits
     arms: dict[str, ArmLimits]
+    tools: tuple[str, ...] = ()
+    """Suction tools that the cell brings; tasks in it may name them as they name shipped ones."""
 
     @classmethod
     def of(cls, cell: Cell) -> Self:
@@ -55,7 +57,8 @@ class CellLimits(DescribedModel):
         center, half = cell.boxes[0].center, 0.5 * cell.boxes[0].size
         low, high = np.round(center - half, 4).tolist(), np.round(center + half, 4).tolist()
         table = TableLimits(x=(low[0], high[0]), y=(low[1], high[1]), top=high[2])
-        return cls(table=table, arms={name: _arm_limits(arm) for name, arm in cell.arms.items()})
+        arms = {name: _arm_limits(arm) for name, arm in cell.arms.items()}
+        return cls(table=table, arms=arms, tools=tuple(sorted(cell.tools)))
 
 
 def _arm_limits(arm: Arm) -> ArmLimits:

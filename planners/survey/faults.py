@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,13 +13,15 @@ from scipy.spatial import ConvexHull
 from planners.cell.arm import Arm, Robot
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, CellParts, StaticBox, ToolRest
+from planners.cell.cell_tool import CellTool
 from planners.cell.hand import Gripper, Pusher
 from planners.collision.distance import distance
-from planners.errors import AssetError, AssetFault, AssetFaults
+from planners.errors import AssetError, AssetFault, AssetFaults, SceneError
 from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.hands.workcell import Clearance
 from planners.scene.clashes import arm_frames
+from planners.scene.suction_tool import check_tool, tool_of_cell
 from planners.survey.survey import CellSurvey
 
 SUNK = 0.005
@@ -57,7 +59,7 @@ def check_cell(cell: Cell) -> None:
 
     Joints at home must be within their ranges and everything there be as far apart as planning keeps it, arms must not
     stand in the table, links must not be larger than their arms, forces and centres of mass must be such as hands have,
-    a tool rest must be on the table, and gravity must point down.
+    a tool rest must be on the table, suction tools must be such as tasks may describe, and gravity must point down.
 
     Raises:
         AssetError: All that is wrong, each with its file and member.
@@ -68,6 +70,7 @@ def check_cell(cell: Cell) -> None:
     _check_table(table, mount, faults)
     if cell.tool_rest is not None:
         _check_tool_rest(cell.tool_rest, table, cell_file, faults)
+    _check_tools(cell.tools, faults)
     for arm in cell.arms.values():
         _check_arm(arm, table, mount, faults)
     _check_meetings(cell, faults)
@@ -103,6 +106,7 @@ def _check_parts(parts: CellParts, faults: AssetFaults) -> None:
         with faults.at(""):
             check_cell(parts.assembled)
         return
+    _check_tools(parts.tools, faults)
     if parts.file is not None:
         _check_gravity(np.array(parts.file.gravity), f"cells/{parts.file.name}.yaml", faults)
     if parts.mount is not None:
@@ -123,6 +127,14 @@ def _check_tool_rest(rest: ToolRest, table: StaticBox, file: str, faults: AssetF
         low, high = (table.center[:2] + side * 0.5 * table.size[:2] for side in (-1.0, 1.0))
         ranges = f"x {low[0]:g} to {high[0]:g}, y {low[1]:g} to {high[1]:g} m"
         faults.add(f"the tool rest is not all on the table, which is {ranges}", file, "/tool_rest/position")
+
+
+def _check_tools(tools: Mapping[str, CellTool], faults: AssetFaults) -> None:
+    for name, tool in tools.items():
+        try:
+            check_tool(tool_of_cell(tool))
+        except SceneError as error:
+            faults.add(error.detail, f"tools/{name}.yaml", error.pointer)
 
 
 def _check_arm(arm: Arm, table: StaticBox, mount: str, faults: AssetFaults) -> None:

@@ -82,6 +82,8 @@ class SurveyFigures(StrictModel):
     """None: the cell does not have one gripper and one stick, or they reach no plate together."""
     handover: HandoverFigures | None
     """None: the cell does not have two grippers, or they never meet."""
+    tools: tuple[str, ...] = ()
+    """Suction tools that the cell brings beside the shipped ones."""
 
     @computed_field
     @property
@@ -108,6 +110,8 @@ class SurveyFigures(StrictModel):
             )
             litres = 1e3 * self.handover.volume
             said.append(f"The grippers meet in {litres:.0f} litres, between ({low}) and ({high}) m.")
+        if self.tools:
+            said.append(f"Suction tools of its own: {', '.join(self.tools)}.")
         return said
 
 
@@ -161,6 +165,7 @@ class CellSurvey:
             dead=_share(reach.dead),
             plate=self._largest_plate(),
             handover=self._handover(),
+            tools=tuple(sorted(cell.tools)),
         )
 
     def _largest_plate(self) -> PlateFigures | None:

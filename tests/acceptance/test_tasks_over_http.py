@@ -142,6 +142,7 @@ def test_a_cup_that_is_too_weak_is_infeasible_and_the_missing_newtons_are_told(s
     ("name", "outcome", "in_the_way"),
     among(WITHOUT_A_PLAN, [case for case in WITHOUT_A_PLAN if case[0] != "lid_under_roof"]),
 )
+@pytest.mark.slow
 def test_an_example_without_a_plan_names_what_is_in_its_way(
     sharing: httpx.Client, solved: Solved, name: str, outcome: str, in_the_way: str
 ) -> None:
@@ -190,6 +191,7 @@ def handovers_of(data_dir: Path) -> dict[str, int]:
     return {path.name: path.stat().st_ino for path in (data_dir / HANDOVERS_FOLDER).glob("*.handovers")}
 
 
+@pytest.mark.slow
 def test_handovers_of_the_shipped_tools_are_there_before_the_first_job_and_are_not_computed_again(
     client: httpx.Client, data_dir: Path
 ) -> None:
@@ -208,6 +210,7 @@ PART = angle().apply_scale([2.0, 2.0, 1.0])
 """An L whose legs are 40 mm wide."""
 
 
+@pytest.mark.slow
 def test_a_part_is_the_same_in_every_format_and_is_moved(client: httpx.Client) -> None:
     meshes = {}
     for kind, media in MEDIA.items():

@@ -74,6 +74,7 @@ def height_in_editor(socket: ClientConnection, cell: str) -> float | None:
     return told["value"][2] if told["type"] == "moved" else None
 
 
+@pytest.mark.slow
 def test_the_editor_shows_each_owner_their_own_cell_of_a_name(
     service: GuardedService, cells: dict[str, dict[str, Any]]
 ) -> None:

@@ -129,6 +129,7 @@ def test_a_reader_may_look_but_not_touch(service: GuardedService) -> None:
         assert all(answer.headers["Content-Type"] == PROBLEM for answer in refused)
 
 
+@pytest.mark.slow
 def test_a_reader_may_see_a_scene_but_have_none_perceived(service: GuardedService) -> None:
     scan = shipped()
     form = {"scan": json.dumps({"colour": scan.description["colour"]}).encode(), "colour": scan.files["colour"]}

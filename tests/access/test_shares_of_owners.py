@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task
 from support.serving import served
 
@@ -18,6 +19,7 @@ SHARE = 4
 PARTS = 6
 
 
+@pytest.mark.slow
 def test_an_owner_with_a_full_share_keeps_nobody_from_the_queue_nor_from_the_worker(tmp_path: Path) -> None:
     limits = {"max_queued": 6, "max_queued_of_owner": SHARE, "worker_slots": 1, "solver_command": FAKE_SOLVER}
     settings = ServiceSettings.model_validate({"data_dir": tmp_path, **limits})
@@ -46,6 +48,7 @@ def test_an_owner_with_a_full_share_keeps_nobody_from_the_queue_nor_from_the_wor
         assert ended["state"] == "succeeded"
 
 
+@pytest.mark.slow
 def test_points_of_studies_that_are_planned_count_in_the_share_of_their_owner(tmp_path: Path) -> None:
     fakes = {"solver_command": FAKE_SOLVER, "study_command": FAKE_EXAMINER}
     limits = {"max_queued": 6, "max_queued_of_owner": 1, "worker_slots": 1}
@@ -67,6 +70,7 @@ def test_points_of_studies_that_are_planned_count_in_the_share_of_their_owner(tm
         assert client.post(refused.request.url.path).status_code == 202
 
 
+@pytest.mark.slow
 def test_one_owners_studies_leave_room_for_another_and_take_turns_with_theirs(tmp_path: Path) -> None:
     fakes = {"solver_command": FAKE_SOLVER, "study_command": FAKE_EXAMINER}
     limits = {"max_studies": 3, "max_studies_of_owner": 2, "study_slots": 1}

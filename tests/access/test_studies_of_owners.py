@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import httpx
+import pytest
 from access.conftest import GuardedService
 from support.service import finished, task
 
@@ -17,6 +18,7 @@ def posted(client: httpx.Client, **headers: str) -> dict[str, Any]:
     return answer.json()
 
 
+@pytest.mark.slow
 def test_the_study_of_somebody_else_does_not_exist(service: GuardedService) -> None:
     with service.client("writer") as writer, service.client("stranger") as stranger, service.client("admin") as admin:
         study = posted(writer)

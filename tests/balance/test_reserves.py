@@ -45,6 +45,7 @@ def balanced() -> list[tuple[Lift, Balanced]]:
     return [(lift, answer) for lift in lifts if isinstance(answer := lift.solve(), Balanced)]
 
 
+@pytest.mark.slow
 def test_the_reserve_is_the_largest_whole_step_that_cvxpy_finds_forces_for() -> None:
     for lift, planned in balanced():
         scale = ReserveScale(lift.balance)
@@ -67,6 +68,7 @@ def test_what_can_be_held_with_a_reserve_can_be_held_with_any_smaller_one() -> N
             assert isinstance(keeping(lift, share * reserve).solve(), Balanced)
 
 
+@pytest.mark.slow
 def test_joints_are_named_where_forces_could_keep_more_back_and_nowhere_else() -> None:
     for lift, planned in balanced():
         scale = ReserveScale(lift.balance)

@@ -41,6 +41,7 @@ def made(task: str, factor: float, seed: int) -> Product:
     return Product(task, factor, seed, f"{task} {factor * seed:g}")
 
 
+@pytest.mark.slow
 def test_attempts_come_back_by_case_and_seed_and_are_made_once(tmp_path: Path) -> None:
     file, notes = AttemptFile(tmp_path / "products.jsonl", Product), list[str]()
     with pytest.raises(Unfinished):

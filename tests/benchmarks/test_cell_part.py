@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from planners.cell.cell import load_cells
 from tests.benchmarks.cell_part import CellFigures, _limits, _outcomes, _physics, _reasons
@@ -27,6 +28,7 @@ def test_every_shipped_cell_has_an_example_in_it() -> None:
         assert task_body(example).get("cell", cell) == cell
 
 
+@pytest.mark.slow
 def test_a_seed_draws_one_accepted_task_near_the_example() -> None:
     cells = load_cells()
     for cell, example in EXAMPLES.items():

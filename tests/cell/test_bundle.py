@@ -80,6 +80,7 @@ def test_every_part_may_stand_in_the_document_itself(tmp_path: Path) -> None:
     assert cell.arms["left"].hand.mass == pytest.approx(0.4)
 
 
+@pytest.mark.slow
 def test_links_may_have_meshes_of_ones_own_in_any_format(tmp_path: Path) -> None:
     box = trimesh.creation.box((0.1, 0.1, 0.2))
     shapes = {}
@@ -281,6 +282,7 @@ def spoiled_cells(chance: random.Random) -> Iterator[Callable[[], CellBundle]]:
         yield partial(CellBundle.of_zip, zipped({**files, name: spoiled(files[name], chance)}))
 
 
+@pytest.mark.slow
 def test_whatever_is_wrong_with_a_cell_is_told_as_a_fault_and_nothing_is_written_elsewhere(tmp_path: Path) -> None:
     folder, refused = tmp_path / "cells", list[AssetError]()
     count = sample(80, MUTATIONS)
@@ -307,6 +309,7 @@ def test_links_that_are_no_mappings_are_told_so(links: Any, tmp_path: Path) -> N
     assert all("/links" in fault.pointer for fault in caught.value.faults)
 
 
+@pytest.mark.slow
 def test_what_would_take_for_ever_is_refused(tmp_path: Path) -> None:
     """As many bodies that pairs of them fill the memory, and a hand whose fingers open for kilometres."""
     document = furnished()

@@ -74,6 +74,7 @@ def test_links_are_where_the_published_urdf_puts_their_meshes(ur3e):
             np.testing.assert_allclose((ours @ directions).max(axis=0), (published @ directions).max(axis=0), atol=1e-8)
 
 
+@pytest.mark.slow
 def test_links_cover_the_visual_meshes_but_for_the_cable_and_a_millimetre(ur3e):
     """The hulls of airo-models are its visual meshes' own, up to their rounding."""
     for link in ur3e.links:

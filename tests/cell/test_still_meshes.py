@@ -131,6 +131,7 @@ def lift(options: Mapping[str, Any] = FEWER, **cup: Any) -> Any:
     )
 
 
+@pytest.mark.slow
 def test_a_lift_beside_a_mesh_is_planned_and_certified_with_it(tmp_path: Path) -> None:
     """The arms' bases are sunk into the table, and the lifter is another than the papers'."""
     cell = own(tmp_path, sunk=0.002, lifter={"cup_height": 0.05, "cable_radius": 0.012, "cable_length": 0.8})

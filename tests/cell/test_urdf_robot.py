@@ -234,6 +234,7 @@ def test_a_joint_without_an_end_is_given_a_turn_to_either_side():
 SEVENTH = (((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
 
 
+@pytest.mark.slow
 def test_a_hull_of_very_many_corners_is_thinned_and_still_encloses_the_link(monkeypatch):
     """The meshes of makers have more corners than a file of a cell has room for."""
     points = np.random.default_rng(5).normal(size=(4000, 3))

@@ -46,6 +46,7 @@ def parent_of(document: Document, path: tuple[Any, ...]) -> Any:
 
 
 @pytest.mark.parametrize("seed", range(sample(quick=1, whole=4)))
+@pytest.mark.slow
 def test_nonsense_anywhere_is_answered_with_a_certificate(
     seed: int, honest_document: Document, surfaces: RobotSurfaces
 ) -> None:
@@ -79,6 +80,7 @@ def test_what_is_no_document_fails_its_structure(root: Any, surfaces: RobotSurfa
     assert [check.name for check in certificate.failures] == ["structure"]
 
 
+@pytest.mark.slow
 def test_a_missing_member_is_named_by_its_path(honest_document: Document, surfaces: RobotSurfaces) -> None:
     """The members of a segment, of its hold, of a contact, of the cell: each in its turn."""
     prefixes = [

@@ -124,6 +124,7 @@ def _collisions_at_poses(kernel, frame, poses, q):
     return found
 
 
+@pytest.mark.slow
 def test_overwriting_a_frame_in_compiled_code_is_a_new_scene(model):
     rng = np.random.default_rng(6)
     poses = np.array(

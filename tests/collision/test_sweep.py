@@ -138,6 +138,7 @@ def placed_vertices(query, q, placements):
     return [shape.vertices @ T[:3, :3].T + T[:3, 3] for T, shape in shapes]
 
 
+@pytest.mark.slow
 def test_a_free_edge_sinks_no_deeper_than_a_negative_margin_allows():
     """A block on the flange grazes a wall; free edges stay within the millimetre, and some do use it."""
     block = CollisionBody("block", "right", "right/6", (box([0.1, 0.1, 0.1]).placed(transform(position=[0, 0, 0.1])),))

@@ -32,6 +32,7 @@ def keeper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[list[str]]:
         yield ["--service", address]
 
 
+@pytest.mark.slow
 def test_the_example_of_the_documentation_can_be_planned_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = re.findall(r"```yaml\n(name: station\n.*?)```", (DOCS / "cell.md").read_text(), re.DOTALL)[0]
     assert yaml.safe_load(text) == station()
@@ -55,6 +56,7 @@ def test_every_fault_is_told_on_a_line_with_its_file_and_member(
 
 
 @pytest.mark.parametrize("where", ["here", "service"])
+@pytest.mark.slow
 def test_a_cell_is_kept_listed_shown_and_deleted(
     where: str, keeper: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,6 +92,7 @@ def test_a_cell_is_not_called_as_a_shipped_one_is(
     assert capsys.readouterr().err.startswith(f"{file}: /name: 'dual_ur3e_lift' is shipped with the service; give a")
 
 
+@pytest.mark.slow
 def test_what_a_service_refuses_is_told_where_it_stands_in_what_was_given(
     keeper: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

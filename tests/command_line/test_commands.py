@@ -30,6 +30,7 @@ from tests.support.scan_frames import SHIPPED
 from workers.solver.pipeline import Pipeline
 
 
+@pytest.mark.slow
 def test_a_solved_task_is_0_and_its_document_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "plan.json"
     assert main(["plan", str(TASKS / "ab1.json"), "--out", str(out)]) == 0
@@ -342,6 +343,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
+@pytest.mark.slow
 def test_a_scan_is_perceived_by_a_service_whose_scene_a_task_then_names(
     service: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -38,12 +38,14 @@ def test_a_task_with_faults_of_text_or_form_is_refused_before_any_planner_is_loa
     assert not loaded_by(refused(task)) & {*PLANNING, *SERVICE, *SECOND_OPINIONS}
 
 
+@pytest.mark.slow
 def test_a_plan_is_begun_with_nothing_of_the_service_and_no_second_opinion() -> None:
     loaded = loaded_by("import app.cli.plan_command, app.cli.local_planner, workers.solver.pipeline")
     assert loaded >= set(PLANNING)
     assert not loaded & {*chain(SERVICE, SECOND_OPINIONS)}
 
 
+@pytest.mark.slow
 def test_only_the_cell_that_is_asked_for_is_loaded() -> None:
     asked = "from planners.cell import cell\nassert len(cell.ShippedCells()) > 1\ncell.ShippedCells()['dual_ur3e_lift']"
     loaded_by(f"{asked}\nassert cell.load_cell.cache_info().currsize == 1")

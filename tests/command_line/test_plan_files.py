@@ -376,6 +376,7 @@ def needs_handovers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("needs_handovers")
+@pytest.mark.slow
 def test_handovers_are_computed_aloud_and_once_for_a_data_directory(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,6 +48,7 @@ def test_a_member_that_is_not_there_is_told_with_those_that_are(capsys: pytest.C
     assert "/cup/max_force" in told
 
 
+@pytest.mark.slow
 def test_a_map_is_printed_written_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, png = tmp_path / "map.json", tmp_path / "map.png"
     axes = ["--axis", "/plate/mass=6.5,7,7.5", "--axis", "/cup/max_force=10,12"]
@@ -62,6 +63,7 @@ def test_a_map_is_printed_written_and_drawn(tmp_path: Path, capsys: pytest.Captu
     assert "No point is solved." in printed
 
 
+@pytest.mark.slow
 def test_a_service_finds_the_same_kind_of_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     settings = {"data_dir": tmp_path / "data", "solver_command": FAKE_SOLVER, "study_command": FAKE_EXAMINER}
     out = tmp_path / "map.json"

@@ -49,6 +49,7 @@ def same(cell: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in cell.items() if name != "created_at"}
 
 
+@pytest.mark.slow
 def test_a_cell_comes_as_a_document_a_zip_or_a_form_and_is_the_same_one(client: httpx.Client) -> None:
     content = zipped(station_files())
     first = client.post("/v1/cells", content=content, headers=ZIP)
@@ -104,6 +105,7 @@ def test_a_cell_is_surveyed_in_figures_and_as_a_picture(client: httpx.Client, wh
     assert min(image.shape[:2]) > 300
 
 
+@pytest.mark.slow
 def test_a_task_names_a_cell_by_name_or_id_and_keeps_the_version_that_it_meant(client: httpx.Client) -> None:
     first = add(client)
     plans = [client.post("/v1/plans", json={**TASK, "cell": name}) for name in (first["name"], first["id"])]

@@ -59,6 +59,7 @@ def certified(client: httpx.Client, plan: dict[str, Any]) -> dict[str, Any]:
     return last
 
 
+@pytest.mark.slow
 def test_the_document_can_be_fetched_while_the_plan_is_simulated_and_changes_its_tag_when_that_is_done(
     client: httpx.Client,
 ) -> None:
@@ -109,6 +110,7 @@ def test_a_proof_that_there_is_no_plan_can_be_fetched_while_changes_are_tried_th
     assert [name for name in told if name != "progress"] == ["verdict", "finished"]
 
 
+@pytest.mark.slow
 def test_whoever_waits_for_a_verdict_does_not_wait_for_the_physics_and_remedies_of_others(client: httpx.Client) -> None:
     """The one that is begun while the other two wait is put off, and done when nobody waits any more."""
     ahead = post(client, "steps-20")

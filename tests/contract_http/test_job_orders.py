@@ -66,6 +66,7 @@ def test_a_task_with_an_order_that_says_nothing_is_answered_as_one_without(
     assert status == 200 or plain.json() == ordered.json()
 
 
+@pytest.mark.slow
 def test_a_job_is_not_begun_before_its_time_and_then_without_being_asked(client: httpx.Client) -> None:
     start = soon(2.0)
     plan = post(client, "now", start_time=start)
@@ -76,6 +77,7 @@ def test_a_job_is_not_begun_before_its_time_and_then_without_being_asked(client:
 
 
 @pytest.mark.parametrize("wish", ["hang", "now"])
+@pytest.mark.slow
 def test_a_job_that_has_not_ended_by_its_time_is_cancelled_whether_it_runs_or_waits(
     client: httpx.Client, wish: str
 ) -> None:
@@ -98,6 +100,7 @@ def test_a_job_whose_time_is_over_when_it_is_posted_is_accepted_and_cancelled(cl
     assert finished(client, post(client, "hang", end_time=soon(-60)))["cancelled_by"] == "end_time"
 
 
+@pytest.mark.slow
 def test_a_job_that_ends_in_time_stays_as_it_ended(client: httpx.Client) -> None:
     for seconds in (2.0, 6.0, 20.0, 60.0):
         end = soon(seconds)

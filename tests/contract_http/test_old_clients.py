@@ -105,6 +105,7 @@ def test_what_a_monitor_asks_for_is_there(address: str, path: str) -> None:
     assert call(address, "GET", path)[0] == 200
 
 
+@pytest.mark.slow
 def test_a_client_that_is_generated_from_the_description_posts_and_reads_plans(address: str, tmp_path: Path) -> None:
     programs = Path(sys.executable).parent
     command = [programs / "openapi-python-client", "generate", "--path", ROOT / "docs" / "openapi.json"]

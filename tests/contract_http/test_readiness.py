@@ -29,6 +29,7 @@ from workers.engine.worker import Worker
 from workers.webhooks.runner import WebhookRunner
 
 
+@pytest.mark.slow
 def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -143,6 +144,7 @@ def test_a_service_that_still_loads_stops_when_it_is_told_to() -> None:
     assert service.failure is None
 
 
+@pytest.mark.slow
 def test_a_service_whose_shipped_cells_cannot_be_loaded_is_not_ready(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -97,6 +97,7 @@ def test_a_task_that_does_not_fit_its_scene_is_refused_where_it_is_wrong(
     assert pointer in [error["pointer"] for error in answer.json()["errors"]]
 
 
+@pytest.mark.slow
 def test_a_scene_is_of_the_version_of_its_cell_that_it_was_perceived_in(client: httpx.Client) -> None:
     def add(gravity: float) -> str:
         hands = {arm: {"robot": "ur3e", "hand": "robotiq_2f85_ft300"} for arm in ("left", "right")}
@@ -183,6 +184,7 @@ def test_a_scene_that_does_not_exist_is_a_404(client: httpx.Client, path: str) -
     assert client.get(path).status_code == 404
 
 
+@pytest.mark.slow
 def test_a_list_has_every_scene_once_page_by_page_the_newest_first(client: httpx.Client) -> None:
     posted = [
         post(client, {**SCAN.description, "external_id": f"listed {index}"}, **SCAN.files).json() for index in range(3)

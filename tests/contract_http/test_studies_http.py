@@ -53,6 +53,7 @@ def done(client: httpx.Client, wish: str = "now", axes: Any = (X, Y)) -> dict[st
     return client.get(address).json()
 
 
+@pytest.mark.slow
 def test_a_study_that_is_waited_for_is_answered_with_its_end(client: httpx.Client) -> None:
     answer = post(client, axes=(X,), Prefer="wait=60")
     assert (answer.status_code, answer.json()["done"]) == (200, True)
@@ -93,6 +94,7 @@ def test_any_point_is_planned_when_it_is_asked_for_and_once(client: httpx.Client
         assert client.post(f"{study['links']['points']}/{missing}").status_code == 404
 
 
+@pytest.mark.slow
 def test_events_are_the_points_as_they_come_and_can_be_resumed(client: httpx.Client) -> None:
     study = done(client)
 
@@ -121,6 +123,7 @@ def test_a_map_that_is_not_whole_has_what_is_known_and_a_cancelled_study_keeps_i
     assert client.post(study["links"]["cancel"]).status_code == 409
 
 
+@pytest.mark.slow
 def test_a_study_is_deleted_once_it_has_ended(client: httpx.Client) -> None:
     running = post(client, "hang", [X]).json()
     assert client.delete(running["links"]["self"]).status_code == 409
@@ -131,6 +134,7 @@ def test_a_study_is_deleted_once_it_has_ended(client: httpx.Client) -> None:
     assert client.get(study["best_plan"]).status_code == 200
 
 
+@pytest.mark.slow
 def test_a_point_at_which_the_solver_dies_is_told_and_the_others_are_found(client: httpx.Client) -> None:
     for wish, why in (("die-7", "given up after 3 attempts"), ("fail-7", "told to fail")):
         study = done(client, wish)
@@ -146,6 +150,7 @@ def test_the_same_key_makes_one_study_and_is_not_taken_for_another(client: httpx
     assert post(client, axes=[X], Idempotency_Key="study-17").status_code == 422
 
 
+@pytest.mark.slow
 def test_studies_are_listed_newest_first_page_by_page(client: httpx.Client) -> None:
     made = [done(client, axes=[X])["id"] for _ in range(3)]
     found: list[str] = []

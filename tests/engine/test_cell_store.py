@@ -59,6 +59,7 @@ def long_ago(folder: Path) -> None:
         os.utime(path, (time.time() - 2.0 * SETTLED_SECONDS,) * 2)
 
 
+@pytest.mark.slow
 def test_what_is_checked_or_refused_leaves_nothing_behind(cells: CellStore, folder: Path) -> None:
     collection = CellCollection(load_cells(), cells)
     assert collection.examine(bundle()).cell == "station"
@@ -99,6 +100,7 @@ def test_files_that_belong_to_no_cell_are_removed_once_nobody_can_want_them(cell
     assert found(folder) == sorted([kept.digest, "notes"])
 
 
+@pytest.mark.slow
 def test_a_cell_of_anybody_keeps_its_files_and_a_forgotten_one_comes_back_with_them(
     cells: CellStore, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,6 +154,7 @@ def test_limits_that_an_earlier_version_did_not_keep_are_looked_up_once(
     assert fresh.limits() == expected
 
 
+@pytest.mark.slow
 def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
     database: Database, cells: CellStore, folder: Path
 ) -> None:

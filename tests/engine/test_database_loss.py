@@ -40,6 +40,7 @@ def test_other_errors_are_not_waited_for() -> None:
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_server_that_takes_no_writes_counts_as_gone_and_its_connections_are_not_used_again(tmp_path: Path) -> None:
     with running_postgres() as server:
         database = open_database(WorkerSettings(data_dir=tmp_path, database_url=server.url))
@@ -82,6 +83,7 @@ def test_a_connection_that_has_rested_is_asked_before_it_is_used_and_one_in_use_
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_session_that_is_silent_within_a_transaction_is_ended_and_others_have_its_rows(tmp_path: Path) -> None:
     """A frozen process still answers for its connection: else nobody could ever take its jobs over."""
     with running_postgres() as server:

@@ -59,6 +59,7 @@ def test_a_data_directory_that_cannot_be_made_is_told(tmp_path: Path) -> None:
         open_database(WorkerSettings(data_dir=tmp_path / "data"))
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_at_the_start_is_a_sentence_and_no_traceback(tmp_path: Path) -> None:
     """No file may grow: what the database layer sees is what it sees on a full disk."""
     command = [sys.executable, "-c", NO_PERMISSIONS + COMMAND, str(tmp_path)]
@@ -118,6 +119,7 @@ def test_what_a_query_says_ends_no_password(tmp_path: Path, who: str) -> None:
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_password_beside_the_address_is_taken_as_it_is_by_all_who_connect(tmp_path: Path) -> None:
     """As docker-compose.yml gives it, the server too: `%41` is no A there. API, worker and engine connect with it."""
     password = "p%41 ss@/:#?'\\"

@@ -30,6 +30,7 @@ SOON = {"watch_seconds": 0.1, "patience_seconds": 0.3, "frozen_seconds": 1.0}
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_jobs_of_a_frozen_worker_are_taken_over_and_it_learns_of_that(tmp_path: Path) -> None:
     with running_postgres() as server, ExitStack() as to_close:
         settings = {
@@ -73,6 +74,7 @@ def test_jobs_of_a_frozen_worker_are_taken_over_and_it_learns_of_that(tmp_path: 
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_worker_that_nobody_is_there_to_look_after_is_not_well_once_it_is_frozen(tmp_path: Path) -> None:
     with running_postgres() as server, ExitStack() as to_close:
         settings = WorkerSettings.model_validate(
@@ -88,6 +90,7 @@ def test_a_worker_that_nobody_is_there_to_look_after_is_not_well_once_it_is_froz
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_look_asks_no_more_where_many_work_than_where_few_do(tmp_path: Path) -> None:
     with running_postgres() as server, ExitStack() as to_close:
         settings = WorkerSettings.model_validate(

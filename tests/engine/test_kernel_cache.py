@@ -77,6 +77,7 @@ def compiled(package: Path, cache: Path | None, *types: str) -> list[str]:
 
 
 @pytest.mark.parametrize("apart", among([False, True], [True]))
+@pytest.mark.slow
 def test_of_two_processes_kernels_all_signatures_are_kept_and_nothing_is_compiled_again(
     tmp_path: Path, apart: bool
 ) -> None:

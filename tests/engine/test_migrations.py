@@ -127,6 +127,7 @@ def test_migrating_twice_changes_nothing(engine: sa.Engine) -> None:
     assert set(before) == {*METADATA.tables, VERSION_TABLE.name, REVISION_TABLE}
 
 
+@pytest.mark.slow
 def test_services_that_start_together_on_a_new_database_take_turns(settings: WorkerSettings, tmp_path: Path) -> None:
     command = [sys.executable, "-c", START, str(tmp_path), settings.database_url or ""]
     starting = [subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(AT_ONCE)]

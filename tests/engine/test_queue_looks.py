@@ -19,6 +19,7 @@ from workers.stores.job_queue import DELIVERY_QUEUE, STUDY_QUEUE, JobQueue, queu
 LOOK_SECONDS = 0.05
 
 
+@pytest.mark.slow
 def test_a_worker_that_starts_later_with_more_slots_changes_nothing_for_the_others(tmp_path: Path) -> None:
     settings = ServiceSettings(
         data_dir=tmp_path,
@@ -40,6 +41,7 @@ def test_a_worker_that_starts_later_with_more_slots_changes_nothing_for_the_othe
             assert (queue.depth(10).running, queue.depth(10).queued) == (1, 2)
 
 
+@pytest.mark.slow
 def test_a_worker_asks_the_database_once_how_to_look_at_a_queue(tmp_path: Path) -> None:
     settings = ServiceSettings(
         data_dir=tmp_path, solver_command=FAKE_SOLVER, study_command=FAKE_EXAMINER, poll_seconds=LOOK_SECONDS

@@ -114,6 +114,7 @@ def queue(tmp_path_factory: pytest.TempPathFactory, place: dict[str, str]) -> It
 @on_both_databases
 @settings(max_examples=40, deadline=None)
 @given(steps=steps)
+@pytest.mark.slow
 def test_the_next_job_and_all_places_are_those_of_the_rule(queue: Queue, steps: list[Step]) -> None:
     model = lived_through(queue, steps)
     assert queue.next() == model.order()[:1]
@@ -218,6 +219,7 @@ def test_the_next_of_many_jobs_is_found_by_indexes_on_sqlite(queue: Queue) -> No
     assert not [step for step in plan if step.startswith("SCAN begun") and "INDEX" not in step], plan
 
 
+@pytest.mark.slow
 def test_owners_take_turns_within_a_second_too(tmp_path: Path) -> None:
     """On SQLite the engine itself notes only in which second it has begun a job."""
     service = ServiceSettings(

@@ -93,6 +93,7 @@ def test_a_mark_holds_on_another_processor_only_if_kernels_are_compiled_for_one_
             assert not is_warm(settings)
 
 
+@pytest.mark.slow
 def test_an_empty_name_of_a_processor_is_none_to_the_compiler() -> None:
     """As in an image that was built without one: the compiler would take it for a name."""
     environment = {**os.environ, NAME_VARIABLE: "", FEATURES_VARIABLE: ""}

@@ -26,6 +26,7 @@ from workers.stores.job_queue import JobQueue
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_worker_is_well_while_it_has_its_name_and_nothing_in_it_is_stuck(tmp_path: Path) -> None:
     with running_postgres() as server:
         settings = WorkerSettings(data_dir=tmp_path, database_url=server.url, worker_name="only")
@@ -61,6 +62,7 @@ def test_a_worker_is_well_while_it_has_its_name_and_nothing_in_it_is_stuck(tmp_p
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_worker_that_waits_for_its_database_lives_and_one_that_does_not_get_on_does_not(tmp_path: Path) -> None:
     """Whoever ends what does not live must not end all workers because the database is away."""
     soon = {"watch_seconds": 0.2, "patience_seconds": 0.2, "frozen_seconds": 1.5}

@@ -20,6 +20,7 @@ from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore
 
 
+@pytest.mark.slow
 def test_the_name_is_free_for_the_next_worker_even_if_solvers_could_not_be_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -46,6 +47,7 @@ def test_the_name_is_free_for_the_next_worker_even_if_solvers_could_not_be_ended
     FileLock(tmp_path, settings.executor_name).release()
 
 
+@pytest.mark.slow
 def test_the_event_loop_ends_though_a_solver_at_work_does_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its job stays begun, and waits for the end of the loop, which cancels it once and no more."""
     settings = WorkerSettings(data_dir=tmp_path, solver_command=FAKE_SOLVER, worker_slots=1)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from support.samples import sample
 
 from tests.benchmarks.interface import explore, explored
 
 
+@pytest.mark.slow
 def test_the_whole_interface_answers_as_a_model_beside_it_foretells(tmp_path: Path) -> None:
     examples, steps = sample((4, 20), (60, 50))
     with explored(tmp_path) as machine:

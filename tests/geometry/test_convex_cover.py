@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from geometry.mesh_shapes import angle, in_angle, ring, ring_depth
 from scipy.spatial import ConvexHull, Delaunay
+from support.samples import among
 
 from planners.geometry.convex_cover import CoverSettings, cover
 
@@ -40,7 +41,7 @@ def test_an_angle_is_cut_into_two_boxes_exactly():
     assert (covered(found, points, 0.0) == in_angle(points)).all()
 
 
-@pytest.mark.parametrize("most_parts", [1, 3, 32])
+@pytest.mark.parametrize("most_parts", among([1, 3, 32], [3]))
 def test_nothing_of_a_solid_is_left_uncovered(most_parts):
     bowl = trimesh.creation.revolve(
         [[0, 0], [0.04, 0], [0.05, 0.06], [0.047, 0.06], [0.037, 0.003], [0, 0.003]], sections=24
@@ -52,12 +53,14 @@ def test_nothing_of_a_solid_is_left_uncovered(most_parts):
         assert covered(found, np.vstack([mesh.vertices, points]), 1e-9).all()
 
 
+@pytest.mark.slow
 def test_no_inner_point_of_a_ring_is_left_uncovered():
     found = cover_of(ring())
     points = np.random.default_rng(2).uniform([-0.066, -0.066, -0.016], [0.066, 0.066, 0.016], (20_000, 3))
     assert covered(found, points[ring_depth(points) > 5e-4]).all()
 
 
+@pytest.mark.slow
 def test_parts_reach_no_farther_beyond_a_ring_than_they_say():
     found = cover_of(ring())
     assert 0 < found.excess <= 0.01 * np.linalg.norm([0.13, 0.13, 0.03]) + 5e-4
@@ -65,6 +68,7 @@ def test_parts_reach_no_farther_beyond_a_ring_than_they_say():
     assert (-ring_depth(points[covered(found, points)])).max() <= found.excess + 5e-4
 
 
+@pytest.mark.slow
 def test_more_parts_follow_a_solid_more_closely():
     excess = [cover_of(ring(), most_parts=most).excess for most in (1, 4, 32)]
     assert excess[0] > excess[1] > excess[2]
@@ -72,6 +76,7 @@ def test_more_parts_follow_a_solid_more_closely():
     assert excess[0] == pytest.approx(0.035, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_same_mesh_gives_the_same_parts():
     one, other = cover_of(ring()), cover_of(ring())
     assert all((a == b).all() for a, b in zip(one.parts, other.parts, strict=True))

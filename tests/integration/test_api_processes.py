@@ -45,6 +45,7 @@ def get(service: ServiceProcess, path: str) -> httpx.Response:
     return httpx.get(f"{service.address}{path}", timeout=60.0).raise_for_status()
 
 
+@pytest.mark.slow
 def test_several_processes_are_one_service_and_end_with_the_first(service: ServiceProcess, tmp_path: Path) -> None:
     with service.client() as client:
         plans = [client.post("/v1/plans", json=task()).raise_for_status().json() for _ in range(5)]

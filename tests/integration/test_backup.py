@@ -7,6 +7,7 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 
+import pytest
 from support.accepted import accept
 from support.postgres import PostgresServer, needs_postgres, running_postgres
 from support.service import task
@@ -62,6 +63,7 @@ def test_a_copy_of_sqlite_made_while_it_is_open_is_whole(tmp_path: Path) -> None
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_a_dump_of_postgresql_made_while_it_is_in_use_is_whole(tmp_path: Path) -> None:
     with running_postgres() as server:
         running = open_database(WorkerSettings(data_dir=tmp_path, database_url=server.url))

@@ -65,6 +65,7 @@ def test_a_job_whose_solver_is_killed_is_begun_again_and_ends(service: ServicePr
         assert (plan["state"], plan["outcome"], plan["attempts"]) == ("succeeded", "solved", 2)
 
 
+@pytest.mark.slow
 def test_jobs_survive_a_service_that_is_killed_and_leave_no_process_behind(service: ServiceProcess) -> None:
     with service.client() as client:
         under_way, waiting = post(client, "steps-60"), post(client, "now")
@@ -85,6 +86,7 @@ def test_jobs_survive_a_service_that_is_killed_and_leave_no_process_behind(servi
         assert client.get(under_way["links"]["self"]).json()["attempts"] == 2
 
 
+@pytest.mark.slow
 def test_a_certified_plan_outlives_a_service_that_is_killed_and_is_the_one_that_is_simulated_then(
     service: ServiceProcess,
 ) -> None:
@@ -102,6 +104,7 @@ def test_a_certified_plan_outlives_a_service_that_is_killed_and_is_the_one_that_
         assert after == {**before.json(), "simulation": {"outcome": "lifted"}}
 
 
+@pytest.mark.slow
 def test_a_service_that_is_asked_to_stop_gives_its_job_to_the_next_one(service: ServiceProcess) -> None:
     with service.client() as client:
         plan = post(client, "steps-60")
@@ -114,6 +117,7 @@ def test_a_service_that_is_asked_to_stop_gives_its_job_to_the_next_one(service: 
         assert finished(client, plan)["outcome"] == "solved"
 
 
+@pytest.mark.slow
 def test_cancelling_ends_the_whole_process_group_within_a_second(service: ServiceProcess) -> None:
     with service.client() as client:
         plan = post(client, "child")
@@ -147,6 +151,7 @@ def test_a_job_that_takes_the_service_with_it_each_time_is_given_up_and_the_next
             assert finished(client, post(client, "now"))["outcome"] == "solved"
 
 
+@pytest.mark.slow
 def test_an_idle_solver_that_is_killed_costs_no_job(service: ServiceProcess) -> None:
     with service.client() as client:
         killed = solvers(service)

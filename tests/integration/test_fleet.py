@@ -66,6 +66,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
         yield Fleet(server, api, stack.enter_context(api.client()), first, second)
 
 
+@pytest.mark.slow
 def test_another_worker_takes_over_what_a_dead_one_had_and_its_processes_are_gone(fleet: Fleet) -> None:
     fleet.first.start()
     plan = fleet.post("steps-100")

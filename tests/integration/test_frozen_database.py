@@ -14,6 +14,7 @@ from pathlib import Path
 import httpx
 import psutil
 import psycopg
+import pytest
 from support.postgres import PostgresServer, needs_postgres, running_postgres
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, ROOT, task, wait_for
 from support.serving import served
@@ -42,6 +43,7 @@ def frozen(server: PostgresServer) -> Iterator[None]:
 
 
 @needs_postgres
+@pytest.mark.slow
 def test_while_its_database_is_frozen_a_service_is_not_ready_at_once_and_uses_few_connections(tmp_path: Path) -> None:
     with running_postgres() as server:
         settings = ServiceSettings.model_validate(

@@ -59,6 +59,7 @@ def test_a_job_beyond_its_memory_or_that_ends_its_solver_fails(
     require_failure(service, client, wish, sentence)
 
 
+@pytest.mark.slow
 def test_a_job_that_takes_too_long_fails_with_the_processes_it_has_started(tmp_path: Path) -> None:
     with (
         running_service(tmp_path, FAKE_SOLVER, worker_slots=1, solver_seconds=SOLVER_SECONDS) as service,
@@ -67,6 +68,7 @@ def test_a_job_that_takes_too_long_fails_with_the_processes_it_has_started(tmp_p
         require_failure(service, client, "child", "the solver was stopped after 3 s, the longest it may take")
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_a_503_and_afterwards_everything_goes_on(service: ServiceProcess, client: httpx.Client) -> None:
     """No file may grow: what the database layer sees is what it sees on a full disk."""
     assert service.process is not None

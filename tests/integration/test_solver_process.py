@@ -460,6 +460,7 @@ def test_a_solver_dies_with_the_process_that_started_it() -> None:
     wait_for(lambda: not alive(below), 2)
 
 
+@pytest.mark.slow
 def test_the_compiler_dies_with_the_process_that_waits_for_it(tmp_path: Path) -> None:
     environment = {**os.environ, CACHE_VARIABLE: str(tmp_path)}  # where nothing is compiled yet: there is much to do
     command = [sys.executable, "-m", "app.cli.main", "warmup"]

@@ -29,6 +29,7 @@ def service(tmp_path: Path, begun: Path) -> Iterator[ServiceProcess]:
         yield service
 
 
+@pytest.mark.slow
 def test_what_was_accepted_is_finished_and_what_was_known_is_not_examined_again(
     service: ServiceProcess, begun: Path
 ) -> None:

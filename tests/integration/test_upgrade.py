@@ -19,6 +19,7 @@ from workers.stores.database import open_database
     [pytest.param(False), pytest.param(True, marks=[needs_postgres, pytest.mark.slow])],
     ids=["sqlite", "postgres"],
 )
+@pytest.mark.slow
 def test_jobs_that_wait_and_run_while_the_software_is_replaced_all_end(postgres: bool, tmp_path: Path) -> None:
     with ExitStack() as stack:
         place = {"database_url": stack.enter_context(running_postgres()).url} if postgres else {}

@@ -115,6 +115,7 @@ def test_the_ur3es_links_weigh_where_the_published_description_says():
         np.testing.assert_allclose(ours, pin.computeGeneralizedGravity(model, data, q), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_hand_that_bears_more_weight_pulls_at_the_joints_as_a_heavier_hand_does():
     """The sign of the wrench: what is exerted upward on a body weighs on the hand."""
     arm = ArmOracle("ur3e", "right")

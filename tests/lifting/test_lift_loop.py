@@ -171,6 +171,7 @@ def test_a_lifter_of_three_times_the_usual_speed_leaves_the_cup_three_quarters_o
     assert LiftLoop(plate, PERIOD).deviations([designed(mass, cup_force)]) < cup_force / 4.0
 
 
+@pytest.mark.slow
 def test_hands_of_many_gains_deviate_as_those_of_each_that_follow_the_law() -> None:
     """The differential equations are integrated with the law itself, for each gains and move."""
     plate, felt = hung(4.0, 20.0)

@@ -188,6 +188,7 @@ def test_the_gripper_closes_and_opens_only_where_it_grips_and_releases(planner, 
             assert set(width) == {closed if segment.grip is not None else opened}
 
 
+@pytest.mark.slow
 def test_an_arm_that_finds_no_way_back_stays_where_it_retreated_to(monkeypatch: pytest.MonkeyPatch) -> None:
     """The plan without that way is certified as any other."""
     find, asked = FreeMotion.find, []

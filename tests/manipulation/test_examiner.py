@@ -88,6 +88,7 @@ def open_starts(planner: PlateLiftPlanner) -> list[int]:
     return [n for n in planner.search.graph.starts if n not in planner.search.graph.lost_starts and status[n] == ALIVE]
 
 
+@pytest.mark.slow
 def test_the_sequence_is_the_least_forceful_of_the_starts_cheapest_ones():
     """Oracle: Dijkstra of networkx from every start, before anything is tried out."""
     planner = planner_of(task_body("ab1", search="full"))
@@ -111,6 +112,7 @@ def test_minimised_force_is_no_larger_than_that_of_the_cheapest_sequence(gentle,
     assert gentle[1].search["max_force"] <= solved.search["max_force"] + 1e-6
 
 
+@pytest.mark.slow
 def test_minimised_force_is_the_smallest_that_any_sequence_left_over_needs(gentle):
     """Oracle: the smallest threshold at which networkx still connects a start with a goal."""
     planner, plan = gentle

@@ -63,12 +63,14 @@ def held(programs, T_world_plate: np.ndarray, points: np.ndarray, hands) -> bool
     return stated and programs.refusal(T_world_plate, points, hands) is None
 
 
+@pytest.mark.slow
 def test_where_a_hold_bears_the_plate_along_a_motion_it_does_so_in_between_the_samples_too(planner, borne):
     for motion, hands in tried_motions(planner, borne=True, count=5):
         for s in np.linspace(0.003, 0.997, 12):
             assert borne(motion.pose(s), motion.contact_points, hands) >= 1.0 - 1e-6
 
 
+@pytest.mark.slow
 def test_where_it_does_not_there_is_a_pose_on_the_way_that_cannot_be_held(planner, borne):
     refused = list(tried_motions(planner, borne=False, count=4))
     assert refused

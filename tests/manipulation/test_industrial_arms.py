@@ -50,6 +50,7 @@ def small_arm() -> dict[str, Any]:
     ("task", "cell"),
     [("ab1", "dual_ur3e_lift"), pytest.param("tissue_pile", "dual_ur3e_tool", marks=pytest.mark.slow)],
 )
+@pytest.mark.slow
 def test_arms_with_a_spherical_wrist_do_what_the_laboratorys_do(task, cell, tmp_path):
     mount, file = read("mounts/dual_column"), read(f"cells/{cell}")
     for arm, home in HOME.items():

@@ -59,6 +59,7 @@ def test_the_smallest_reserve_of_the_samples_is_the_plans(ab1: LiftPlan) -> None
     assert min(samples.min() for samples in held) == ab1.reserve.value
 
 
+@pytest.mark.slow
 def test_the_risk_is_not_larger_where_it_is_minimised(cells: dict[str, Cell]) -> None:
     careful, plain = (planned(task_body("pb1", minimise=what, reserve=0.1), cells) for what in ("risk", "cost"))
     assert careful.reserve is not None
@@ -87,6 +88,7 @@ def test_what_only_tolerances_stand_against_is_told_so(cells: dict[str, Cell]) -
     assert planned(body, cells).outcome is PlanningOutcome.SOLVED
 
 
+@pytest.mark.slow
 def test_what_speaks_against_a_reserve_leaves_no_plan_that_keeps_it(ab1: LiftPlan, cells: dict[str, Cell]) -> None:
     """The exhaustive search is the authority: it finds none where something speaks against one, and one elsewhere."""
     assert ab1.reserve is not None
@@ -99,6 +101,7 @@ def test_what_speaks_against_a_reserve_leaves_no_plan_that_keeps_it(ab1: LiftPla
         assert planner.may_keep(reserve, low=False) == found
 
 
+@pytest.mark.slow
 def test_where_not_even_the_plate_as_stated_may_be_held_there_is_no_plan_for_it(cells: dict[str, Cell]) -> None:
     """The exhaustive search is the authority, for a lift that can be done and for one that cannot."""
     for name in ("ab1", "pb1_weak_cup"):
@@ -110,6 +113,7 @@ def test_where_not_even_the_plate_as_stated_may_be_held_there_is_no_plan_for_it(
         assert planner.plan_as_stated().outcome is exhaustive
 
 
+@pytest.mark.slow
 def test_what_proofs_of_another_sampling_leave_out_is_not_held(cells: dict[str, Cell]) -> None:
     """Program (5) is the authority, asked at nodes that are left out. The cheapest way of the others is the same."""
     body = task_body("ab1", hold_density=0.5)
@@ -133,6 +137,7 @@ def test_what_proofs_of_another_sampling_leave_out_is_not_held(cells: dict[str, 
     assert cheapest[0] == cheapest[1]
 
 
+@pytest.mark.slow
 def test_densities_rise_as_long_as_graphs_fit_and_there_is_hope(
     cells: dict[str, Cell], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,6 +182,7 @@ def test_densities_rise_as_long_as_graphs_fit_and_there_is_hope(
     assert sizes[-2] < thinned < sizes[-1]
 
 
+@pytest.mark.slow
 def test_a_graph_that_does_not_fit_into_memory_is_thinned_and_that_is_told(cells: dict[str, Cell]) -> None:
     task = read_task(task_body("pb1", reserve=0.0))
     assert isinstance(task, PlateLiftTask)

@@ -34,6 +34,7 @@ def payloads(planner: PlateLiftPlanner) -> dict[str, float]:
     return {name: 9.81 * (arm["payload"] - cell["hands"][name]["mass"]) for name, arm in cell["arms"].items()}
 
 
+@pytest.mark.slow
 def test_hands_bear_no_more_than_their_arms_whatever_a_task_allows() -> None:
     """The fault of before: with 100 N allowed, 40 N on the gripping hand and 36 N on the pushing one."""
     planner, generous = planned(normal=100.0, net=100.0)
@@ -71,6 +72,7 @@ def test_a_failure_that_forbids_nothing_is_told_at_once(monkeypatch: pytest.Monk
     assert len(tries) == 1
 
 
+@pytest.mark.slow
 def test_a_hand_that_does_not_come_whatever_the_other_holds_is_not_tried_with_all_its_holds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

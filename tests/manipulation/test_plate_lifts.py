@@ -116,6 +116,7 @@ def quarter_turn(mount: dict[str, Any], shift: list[float]) -> dict[str, Any]:
     return result
 
 
+@pytest.mark.slow
 def test_a_cell_turned_and_moved_with_its_task_gives_the_same_sequence(tmp_path, cells):
     shift = [1.5, -0.7, 0.03]
     moved = write_cell(tmp_path, CELL, quarter_turn(MOUNT, shift))
@@ -138,6 +139,7 @@ def test_a_cell_turned_and_moved_with_its_task_gives_the_same_sequence(tmp_path,
     assert [s.force for s in there.steps] == pytest.approx([s.force for s in here.steps], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_mirrored_cell_lifts_the_mirrored_plate(tmp_path, cells):
     """The gripper is on the left; cup and yaw are mirrored. Which of equal sequences is taken may differ."""
     arms = {"left": CELL["arms"]["right"], "right": CELL["arms"]["left"]}
@@ -196,6 +198,7 @@ def test_one_useless_grip_is_not_enough(planner, cells):
     assert lifted.causes
 
 
+@pytest.mark.slow
 def test_lower_goals_are_reached_on_the_way_to_higher_ones(cells):
     heights = []
     for goal in (0.01, 0.06):

@@ -199,6 +199,7 @@ def test_a_search_among_many_goals_ends_at_one_of_them_exactly() -> None:
     assert np.array_equal(result.path[-1], goals[result.goal_index])
 
 
+@pytest.mark.slow
 def test_shortcuts_never_lengthen_and_keep_the_path_free() -> None:
     rng = np.random.default_rng(5)
     centres = rng.uniform(-2.0, 2.0, (30, 4))

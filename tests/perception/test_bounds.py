@@ -97,6 +97,7 @@ def test_an_image_far_longer_than_wide_is_refused_and_costs_nothing(name: str) -
 
 
 @pytest.mark.parametrize("points", [(16, 100_000), (100_000, 16), (1_600_000,)])
+@pytest.mark.slow
 def test_the_preview_of_a_cloud_is_bounded_whatever_its_sides_and_its_extent(points: tuple[int, ...]) -> None:
     """A strip of the table, seen as one long line; its points are said to have rows and columns, or none."""
     rng = np.random.default_rng(0)

@@ -225,6 +225,7 @@ def test_points_that_are_all_one_are_refused() -> None:
         DepthView.from_points(points, overhead_camera().T_world_camera)
 
 
+@pytest.mark.slow
 def test_19_of_20_errors_are_within_twice_what_is_told() -> None:
     told: dict[str, list[float]] = {}
     for seen_frame in frames(FRAMES, 31):
@@ -240,6 +241,7 @@ def test_19_of_20_errors_are_within_twice_what_is_told() -> None:
         assert np.mean(np.array(values) < 1.0) < 0.95, name
 
 
+@pytest.mark.slow
 def test_a_heap_of_points_with_shadows_is_perceived_as_the_image_it_comes_from() -> None:
     things = [TrueObject("box", (0.2, 0.12, 0.12), on_table(0.45, y, 0.12)) for y in (-0.3, 0.3)]
     camera = overhead_camera(focal=730.0, shape=(848, 1024))

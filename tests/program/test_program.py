@@ -58,6 +58,7 @@ def parsed(document: str) -> Any:
 
 
 @pytest.mark.parametrize("name", TASKS)
+@pytest.mark.slow
 def test_what_is_streamed_is_the_plan_between_its_samples_too(plans: dict[str, Plan], name: str) -> None:
     plan = plans[name]
     rng = np.random.default_rng(0)
@@ -220,6 +221,7 @@ def test_the_vacuum_is_on_while_objects_ride(plans: dict[str, Plan]) -> None:
             assert vacuum == bool(objects)
 
 
+@pytest.mark.slow
 def test_tables_give_every_number_of_the_plan_again(documents: dict[str, bytes], plans: dict[str, Plan]) -> None:
     plan = plans["ab1"]
     packed = write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.CSV)
@@ -256,6 +258,7 @@ def test_tables_give_every_number_of_the_plan_again(documents: dict[str, bytes],
         np.testing.assert_array_equal(told, contact.wrench)
 
 
+@pytest.mark.slow
 def test_the_vacuum_is_on_in_the_table_while_objects_ride_on_the_tool(
     documents: dict[str, bytes], plans: dict[str, Plan]
 ) -> None:
@@ -359,6 +362,7 @@ def test_the_command_writes_a_zip_or_says_why_not(
     assert main(["export", str(tmp_path / "none.json"), "--target", "csv"]) == 3
 
 
+@pytest.mark.slow
 def test_programs_are_fetched_over_http(shelf: PlanShelf, documents: dict[str, bytes], tmp_path: Path) -> None:
     settings = ServiceSettings(data_dir=tmp_path, solver_command=shelf.solver, worker_slots=1)
     with served(settings) as address, httpx.Client(base_url=address, timeout=60.0) as client:

@@ -130,6 +130,7 @@ def test_steps_from_one_on_keep_numbers_and_begin_where_the_plan_has_them(moving
             assert rest.start[arm] == pytest.approx(planned, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_task_from_where_the_arms_stopped_is_planned_from_there(schedules: dict[str, Schedule]) -> None:
     schedule = schedules["ab1"]
     time = 0.5 * schedule.plan.segments[0].end

@@ -418,6 +418,7 @@ def convex_parts(shape: Any) -> list[ConvexShape]:
 
 
 @pytest.mark.parametrize("name", TASKS)
+@pytest.mark.slow
 def test_what_touches_in_a_step_may_do_so_in_its_planning_scene(unpacked: dict[str, Unpacked], name: str) -> None:
     """All that MoveIt checks: links against links and bodies, and bodies on a flange against everything."""
     program, allowed, attached, touched = unpacked[name], set[tuple[str, str]](), set[str](), 0

@@ -96,6 +96,7 @@ def worst(plan: Plan, segment: Segment, share: float, speeds: tuple[float, ...])
     )
 
 
+@pytest.mark.slow
 def test_the_share_is_the_largest_from_which_a_sudden_stop_is_borne(pile: Plan) -> None:
     bearing, slower = StopBearing(pile, STOP_DURATION), 0
     for segment in pile.segments:
@@ -112,6 +113,7 @@ def test_the_share_is_the_largest_from_which_a_sudden_stop_is_borne(pile: Plan) 
     assert slower > 3
 
 
+@pytest.mark.slow
 def test_the_longer_a_stop_takes_the_faster_may_the_arms_be(pile: Plan) -> None:
     shares = [[StopBearing(pile, duration).share(each) for each in pile.segments] for duration in (0.03, 0.06, 0.5)]
     assert (np.diff(shares, axis=0) >= 0.0).all()

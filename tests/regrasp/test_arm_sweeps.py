@@ -37,6 +37,7 @@ def back(cell, arm: str, T_world_flange: np.ndarray, branch: int) -> np.ndarray:
     return follow_branch(base.dh, inverse(base.T_world_base), poses, branch, np.empty((0, 6)))
 
 
+@pytest.mark.slow
 def test_arms_are_found_apart_exactly_when_fcl_finds_them_so_at_every_place(cell, long_workcell, flanges):
     widths = {"left": WIDTH, "right": WIDTH}
     query = long_workcell.query(widths, {"tool": None}, only=without_hands(long_workcell))

@@ -93,6 +93,7 @@ def test_the_vacuum_goes_on_and_off_at_rest_once_for_every_object(planned: tuple
     assert all(not s.trajectory.velocities.any() for s in switches)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_plan(handovers: HandoverDatabase) -> None:
     scene = scene_of("can_stack")
     one, other = (SuctionToolPlanner(scene, SETTINGS, handovers, silent).plan() for _ in range(2))
@@ -101,6 +102,7 @@ def test_the_same_seed_gives_the_same_plan(handovers: HandoverDatabase) -> None:
         np.testing.assert_array_equal(a.trajectory.positions, b.trajectory.positions)
 
 
+@pytest.mark.slow
 def test_second_thoughts_about_slow_motion_never_make_one_object_slower(handovers: HandoverDatabase) -> None:
     objects = json.loads((TASKS / "can_stack.json").read_text())["objects"]
     scene = scene_of("can_stack", objects=objects[:1])
@@ -113,6 +115,7 @@ def test_second_thoughts_about_slow_motion_never_make_one_object_slower(handover
     assert seconds == sorted(seconds, reverse=True)
 
 
+@pytest.mark.slow
 def test_others_are_tried_where_a_motion_is_longer_than_the_longest_way_to_scale(handovers: HandoverDatabase) -> None:
     objects = json.loads((TASKS / "can_stack.json").read_text())["objects"]
     scene = scene_of("can_stack", objects=objects[:1])
@@ -128,6 +131,7 @@ def test_others_are_tried_where_a_motion_is_longer_than_the_longest_way_to_scale
     assert one > other == int(plain.search["sequences"] or 0)
 
 
+@pytest.mark.slow
 def test_a_spent_budget_is_told_as_not_found_with_counts(handovers: HandoverDatabase) -> None:
     motion = replace(SETTINGS.motion, straight_attempts=0, max_iterations=0)
     settings = replace(SETTINGS, motion=motion, tries=3, orders=0)

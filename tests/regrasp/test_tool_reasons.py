@@ -26,6 +26,7 @@ def reasons(shelf: PlanShelf, goal: list[float], walls: list[dict[str, Any]]) ->
     return [cause.reason for cause in causes]
 
 
+@pytest.mark.slow
 def test_what_a_hand_would_touch_is_named_though_most_grasps_are_out_of_reach(shelf: PlanShelf) -> None:
     told = reasons(shelf, PART["goal_pose"], WALLS)
     assert all("the right hand and wall_" in reason for reason in told)

@@ -212,6 +212,7 @@ def with_wrists(torque: float, outcome: str, handovers: HandoverDatabase):
     return document, torque_check(evidence_of(document))
 
 
+@pytest.mark.slow
 def test_where_one_plan_asks_too_much_of_a_joint_another_is_found(handovers):
     """Wrists are made so weak that the plan of strong ones is none."""
     _, strong = with_wrists(9.0, "solved", handovers)
@@ -221,6 +222,7 @@ def test_where_one_plan_asks_too_much_of_a_joint_another_is_found(handovers):
     assert weak.passed
 
 
+@pytest.mark.slow
 def test_wrists_that_bear_too_little_are_named_as_the_reason(handovers):
     document, _ = with_wrists(1.9, "not_found", handovers)
     rejected = document["statistics"]["rejections"]

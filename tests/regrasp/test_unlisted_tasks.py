@@ -62,6 +62,7 @@ def test_objects_nobody_listed_end_at_one_of_their_goals(objects: list, handover
         assert np.abs(each.goals - places[each.name]).max(axis=(1, 2)).min() < 1e-8
 
 
+@pytest.mark.slow
 def test_objects_that_stand_on_each_others_goals_change_places_by_way_of_a_third(handovers: HandoverDatabase) -> None:
     scene = scene_of(box("one", [0.35, 0.2], [0.35, -0.2]), box("other", [0.35, -0.2], [0.35, 0.2]))
     plan = planned(scene, handovers)
@@ -81,6 +82,7 @@ def test_what_only_one_arm_may_carry_is_carried_by_that_arm(handovers: HandoverD
     assert {hold.arm for segment in laden for hold in segment.holds} == {"right"}
 
 
+@pytest.mark.slow
 def test_a_stopover_is_clear_of_everything_now_and_later() -> None:
     obstacle = {"name": "post", "shape": {"type": "box", "size": [0.05, 0.05, 0.2]}, "pose": pose([0.45, -0.3], 0.1)}
     scene = scene_of(
@@ -108,6 +110,7 @@ def test_the_suction_poses_are_asked_once_for_every_object() -> None:
     assert told == ["suction one"]
 
 
+@pytest.mark.slow
 def test_an_object_that_is_out_of_reach_is_not_found_with_the_reason(handovers: HandoverDatabase) -> None:
     plan = planned(scene_of(box("far", [0.8, 0.8], [0.35, 0.2])), handovers)
     assert plan.outcome is PlanningOutcome.NOT_FOUND

@@ -61,6 +61,7 @@ def unsolved(request: pytest.FixtureRequest, shelf: PlanShelf) -> tuple[dict[str
     return body, shelf.plan(read_task(body))
 
 
+@pytest.mark.slow
 def test_every_remedy_stands_a_plan_of_the_changed_task(unsolved: tuple[dict[str, Any], Plan]) -> None:
     """Applied to the task as it was posted, and planned like any task."""
     body, plan = unsolved
@@ -94,6 +95,7 @@ def test_remedies_are_left_out_where_nobody_wants_them() -> None:
 
 
 @pytest.mark.parametrize("name", among(("lid_too_heavy", "pb1_weak_cup"), ["lid_too_heavy"]))
+@pytest.mark.slow
 def test_a_proof_is_told_before_remedies_and_given_them_later_as_it_would_have_been_then(
     name: str, shelf: PlanShelf
 ) -> None:
@@ -128,6 +130,7 @@ CARRIED_OUT: dict[str, Callable[[PlateLiftTask], bool]] = {
 
 
 @pytest.mark.parametrize("case", among(CARRIED_OUT, ["anything else"]))
+@pytest.mark.slow
 def test_a_plan_that_fails_in_physics_is_given_what_physics_carries_out(case: str, shelf: PlanShelf) -> None:
     carried_out = CARRIED_OUT[case]
     plan, simulated = with_physics(shelf, carried_out, {})

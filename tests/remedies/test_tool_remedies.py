@@ -64,6 +64,7 @@ def unsolved(request: pytest.FixtureRequest, solver: TaskSolver) -> tuple[dict[s
     return body, solver.solve(read_task(body))
 
 
+@pytest.mark.slow
 def test_every_remedy_stands_a_plan_of_the_changed_task(
     unsolved: tuple[dict[str, Any], Plan], solver: TaskSolver
 ) -> None:

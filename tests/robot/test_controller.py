@@ -159,6 +159,7 @@ def controller() -> Iterator[tuple[str, StandIn]]:
         yield host, one
 
 
+@pytest.mark.slow
 def test_the_unmodified_client_reads_writes_and_runs_programs(controller: tuple[str, StandIn]) -> None:
     host, stand_in = controller
     receive, write = RTDEReceiveInterface(host), RTDEIOInterface(host)

@@ -81,6 +81,7 @@ def request(plan: Path, *, moves: bool = True, continuous: bool = False) -> Exec
     return ExecuteRequest(plan, hosts(), None, moves, continuous, 1.0, plan.with_suffix(".log.jsonl"))
 
 
+@pytest.mark.slow
 def test_without_run_all_is_told_and_nothing_moves(
     clock: LockStep, plan: Path, terminal: Callable[..., Terminal]
 ) -> None:
@@ -93,6 +94,7 @@ def test_without_run_all_is_told_and_nothing_moves(
         assert np.ptp(controller.recording().q, axis=0).max() == 0.0
 
 
+@pytest.mark.slow
 def test_arms_that_are_elsewhere_are_named_with_their_joints(
     clock: LockStep, plan: Path, terminal: Callable[..., Terminal], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -106,6 +108,7 @@ def test_arms_that_are_elsewhere_are_named_with_their_joints(
     assert "left" not in said
 
 
+@pytest.mark.slow
 def test_each_step_is_asked_for_and_whoever_is_not_there_moves_nothing(
     clock: LockStep, plan: Path, terminal: Callable[..., Terminal]
 ) -> None:
@@ -138,6 +141,7 @@ def test_after_a_stop_one_goes_back_and_on(clock: LockStep, plan: Path, terminal
         np.testing.assert_allclose(controller.recording().q[-1], end, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_whoever_leaves_after_a_stop_leaves_the_arms_where_they_are(
     clock: LockStep, plan: Path, terminal: Callable[..., Terminal]
 ) -> None:

@@ -38,6 +38,7 @@ def cell() -> Iterator[Cell]:
         yield Cell(SCHEDULE, clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
 
 
+@pytest.mark.slow
 def test_both_arms_move_as_planned_and_stay_together() -> None:
     """Within 1e-3 rad and one cycle of the plan, the arms within 8 ms of each other, at a share of the speed too."""
     with cell() as site:
@@ -108,6 +109,7 @@ ONE_ARM_EACH = (("protective stop", "left"), ("force", "right"), ("silence", "le
 
 
 @pytest.mark.parametrize(("what", "arm"), among(product(STOPS, ARMS), ONE_ARM_EACH))
+@pytest.mark.slow
 def test_whatever_stops_one_arm_stops_both(what: str, arm: ArmName) -> None:
     order, reason = STOPS[what]
     with cell() as site:
@@ -170,6 +172,7 @@ def test_arms_on_a_network_that_is_late_now_and_then_stay_together(seed: int) ->
         assert np.percentile(apart(recordings, step), 99) < 0.008 + jitter
 
 
+@pytest.mark.slow
 def test_a_computer_that_is_a_little_late_goes_on_and_one_that_is_too_late_stops_both_arms() -> None:
     """Whichever notices first, the programs or the computer: the reason that is told is the true one."""
     with cell() as site:
@@ -185,6 +188,7 @@ def test_a_computer_that_is_a_little_late_goes_on_and_one_that_is_too_late_stops
             assert running(site.stand_ins[arm].recording(), 1)[-1]
 
 
+@pytest.mark.slow
 def test_a_silent_controller_stops_the_other_arm_however_seldom_the_computer_looks() -> None:
     """A computer that looks so seldom counts hardly any of the silence, and knows nothing of that arm all the same."""
     seldom = 0.03
@@ -209,6 +213,7 @@ class HandClock:
         self.time += seconds
 
 
+@pytest.mark.slow
 def test_time_in_which_nobody_looked_says_nothing_of_a_controller() -> None:
     with cell() as site:
         link, told = site.links["left"], site.links["left"].timestamp
@@ -252,6 +257,7 @@ def _execute_alone(addresses: dict[ArmName, str], pipe: Connection) -> None:
 
 
 @pytest.mark.parametrize("late", among([0.0, 0.04], [0.04]))
+@pytest.mark.slow
 def test_a_step_that_bears_stops_from_less_is_slower_and_brakes_as_gently(
     late: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -309,6 +315,7 @@ def test_an_executor_that_is_killed_leaves_both_arms_at_rest() -> None:
         assert_still(site, site.clock.now())
 
 
+@pytest.mark.slow
 def test_nothing_moves_from_elsewhere_nor_without_a_yes() -> None:
     with cell() as site:
         refused = site.execute(lambda _: False)
@@ -324,6 +331,7 @@ def test_nothing_moves_from_elsewhere_nor_without_a_yes() -> None:
             assert np.ptp(site.stand_ins[arm].recording().q, axis=0).max() <= 0.02 + 1e-12
 
 
+@pytest.mark.slow
 def test_after_a_no_both_programs_have_ended_and_may_go_on_from_there() -> None:
     """What registers still tell of the program before is not taken for the next one."""
     with cell() as site:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from support.syntax import syntax_tree
+from support.syntax import nodes_of, tree_of
 
 ROOT = Path(__file__).resolve().parents[2]
 FORBIDDEN = {
@@ -43,11 +43,11 @@ EXCEPTED = {"planners/planning.py": {"time"}}
 
 @cache
 def imported_packages(path: Path) -> set[str]:
-    return {name.split(".")[0] for name in _imported_modules(syntax_tree(path.read_text()))}
+    return {name.split(".")[0] for name in _imported_modules(path)}
 
 
-def _imported_modules(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+def _imported_modules(path: Path) -> Iterator[str]:
+    for node in nodes_of(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
@@ -106,9 +106,8 @@ def _imports_of_each_module() -> dict[str, set[str]]:
     paths = {_name(path): path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")}
     found: dict[str, set[str]] = {}
     for name, path in paths.items():
-        tree = syntax_tree(path.read_text())
-        named = set(_imported_modules(tree))
-        for node in ast.walk(tree):
+        named = set(_imported_modules(path))
+        for node in nodes_of(path):
             if isinstance(node, ast.ImportFrom) and node.module is not None:
                 named |= {f"{node.module}.{each.name}" for each in node.names}
         found[name] = (named & paths.keys()) - {name}
@@ -149,7 +148,7 @@ def test_no_folder_has_more_modules_than_can_be_taken_in_at_a_glance() -> None:
 def test_no_two_classes_or_types_have_one_name() -> None:
     homes: dict[str, list[str]] = {}
     for path in (path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")):
-        for node in syntax_tree(path.read_text()).body:
+        for node in tree_of(path).body:
             names = [node.name] if isinstance(node, ast.ClassDef) else []
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
                 name = node.targets[0].id
@@ -206,7 +205,7 @@ def test_the_certificate_shares_no_code_with_the_planner() -> None:
     bad = {
         str(path.relative_to(ROOT)): sorted(found)
         for path in (ROOT / "planners" / "certify").rglob("*.py")
-        if (found := {m for m in _imported_modules(syntax_tree(path.read_text())) if m.startswith(tuple(shared))})
+        if (found := {m for m in _imported_modules(path) if m.startswith(tuple(shared))})
     }
     assert bad == {}
 
@@ -215,9 +214,8 @@ def test_planners_keep_no_state_of_their_own() -> None:
     """No `global`, and no module-level list, dict or set that somebody could write to."""
     bad = []
     for path in (ROOT / "planners").rglob("*.py"):
-        tree = syntax_tree(path.read_text())
-        bad += [f"{path}: global" for node in ast.walk(tree) if isinstance(node, ast.Global)]
-        for node in tree.body:
+        bad += [f"{path}: global" for node in nodes_of(path) if isinstance(node, ast.Global)]
+        for node in tree_of(path).body:
             target = node.targets[0] if isinstance(node, ast.Assign) else None
             name = target.id if isinstance(target, ast.Name) else ""
             if isinstance(node, ast.Assign) and isinstance(node.value, ast.List | ast.Dict | ast.Set):

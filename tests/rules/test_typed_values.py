@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
 import pytest
-from support.syntax import syntax_tree
+from support.syntax import nodes_of, syntax_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = ("app", "planners", "workers")
@@ -32,18 +32,18 @@ def is_of_anything(node: ast.AST) -> bool:
     )
 
 
-def signatures_of_anything(tree: ast.Module) -> Iterator[int]:
+def signatures_of_anything(nodes: Iterable[ast.AST]) -> Iterator[int]:
     """Yield the lines of functions that take or return a mapping of anything."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             given = [*ast.walk(node.args), *([] if node.returns is None else ast.walk(node.returns))]
             if any(map(is_of_anything, given)):
                 yield node.lineno
 
 
-def literal_keys(tree: ast.Module) -> Iterator[int]:
+def literal_keys(nodes: Iterable[ast.AST]) -> Iterator[int]:
     """Yield the lines at which something is looked up by a literal key."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if (
             isinstance(node, ast.Subscript)
             and isinstance(node.ctx, ast.Load)
@@ -55,17 +55,17 @@ def literal_keys(tree: ast.Module) -> Iterator[int]:
 
 
 @cache
-def product() -> list[tuple[str, ast.Module]]:
-    """Return every module of the product, with the folder that it is counted in."""
+def product() -> list[tuple[str, tuple[ast.AST, ...]]]:
+    """Return the nodes of every module of the product, with the folder that it is counted in."""
     paths = [path for folder in PRODUCT for path in (ROOT / folder).rglob("*.py")]
-    return [("/".join(path.relative_to(ROOT).parts[:2]), syntax_tree(path.read_text())) for path in paths]
+    return [("/".join(path.relative_to(ROOT).parts[:2]), nodes_of(path)) for path in paths]
 
 
 @pytest.mark.parametrize(("found", "most"), [(signatures_of_anything, 60), (literal_keys, 200)])
-def test_few_places_take_dicts_of_anything(found: Callable[[ast.Module], Iterator[int]], most: int) -> None:
+def test_few_places_take_dicts_of_anything(found: Callable[[Iterable[ast.AST]], Iterator[int]], most: int) -> None:
     counts = Counter[str]()
-    for folder, tree in product():
-        counts[folder] += len(list(found(tree)))
+    for folder, nodes in product():
+        counts[folder] += len(list(found(nodes)))
     assert counts.total() <= most, f"{counts.total()}, of which {dict((+counts).most_common())}"
 
 
@@ -80,5 +80,5 @@ def test_few_places_take_dicts_of_anything(found: Callable[[ast.Module], Iterato
     ],
 )
 def test_both_are_counted(text: str, signatures: int, keys: int) -> None:
-    tree = syntax_tree(text)
-    assert (len(list(signatures_of_anything(tree))), len(list(literal_keys(tree)))) == (signatures, keys)
+    nodes = [*ast.walk(syntax_tree(text))]
+    assert (len(list(signatures_of_anything(nodes))), len(list(literal_keys(nodes)))) == (signatures, keys)

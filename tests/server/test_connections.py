@@ -118,6 +118,7 @@ def test_whoever_is_waited_for_keeps_nobody_out(tmp_path: Path, what: str) -> No
         assert sum(map(is_aborted, readers)) > MOST
 
 
+@pytest.mark.slow
 def test_an_answer_of_which_nothing_is_taken_is_not_held_for_long(tmp_path: Path) -> None:
     with limited_service(tmp_path, write_seconds=WRITE_SECONDS) as service:
         with small_reader(service, LARGE_ANSWER * MORE_THAN_KERNELS_HOLD) as connection:
@@ -126,6 +127,7 @@ def test_an_answer_of_which_nothing_is_taken_is_not_held_for_long(tmp_path: Path
             wait_for(lambda: is_aborted(connection), 6.0 * WRITE_SECONDS)
 
 
+@pytest.mark.slow
 def test_an_answer_of_which_little_is_taken_at_a_time_is_sent_to_its_end(tmp_path: Path) -> None:
     """For several times as long as nothing may be taken of it."""
     with limited_service(tmp_path, write_seconds=WRITE_SECONDS) as service:

@@ -13,6 +13,7 @@ from workers.simulation.simulate import simulate_lift
 HEAVIER = 1.1
 
 
+@pytest.mark.slow
 def test_hands_and_cup_bear_the_actual_plate_and_aim_at_the_known_one(run) -> None:
     plate = run.scene.plate
     actual = replace(run.scene, plate=replace(plate, mass=HEAVIER * plate.mass))

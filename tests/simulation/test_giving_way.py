@@ -70,6 +70,7 @@ def test_the_hands_are_no_stiffer_than_their_gains_were_laid_out_for(run, alone)
     assert 0.0 < slope < 32.0 * run.scene.cup.max_force
 
 
+@pytest.mark.slow
 def test_hands_that_follow_wait_for_a_lifter_that_is_late(run) -> None:
     """They move by what noise in their sensors moves them, and no further than the force on them allows."""
     low = replace(SETTINGS, winch=replace(LATE, hold_chance=0.0), headroom=0.25)

@@ -95,6 +95,7 @@ def test_the_same_lift_without_the_controller_fails_and_says_why(run) -> None:
     assert blind.time < run.simulation.time
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_document(run) -> None:
     """In another process state: the physics has no memory of earlier runs."""
     short = replace(SimulationSettings(), settle=0.3, rest=0.1, headroom=0.25)
@@ -131,6 +132,7 @@ def test_fingers_squeeze_as_the_plan_commands(run) -> None:
     assert simulation.outcome == "slipped"
 
 
+@pytest.mark.slow
 def test_fingers_squeeze_with_a_stated_force_where_an_older_plan_commands_none(run) -> None:
     short = replace(SimulationSettings(), settle=0.3, rest=0.1, headroom=0.25)
     plans = (squeezing(run.plan, None), squeezing(run.plan, short.contact.squeeze))

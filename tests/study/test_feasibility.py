@@ -60,6 +60,7 @@ FORCES = [
 ]
 
 
+@pytest.mark.slow
 def test_with_other_forces_it_is_as_if_the_graph_was_made_for_them(examiner: FeasibilityExaminer) -> None:
     found = []
     for changes in FORCES:
@@ -73,6 +74,7 @@ def test_with_other_forces_it_is_as_if_the_graph_was_made_for_them(examiner: Fea
     assert {0.0, 0.1} <= set(found), "some leave one with the reserve, some one without"
 
 
+@pytest.mark.slow
 def test_where_the_cup_is_moved_to_no_way_is_missed(examiner: FeasibilityExaminer) -> None:
     chance, ways = np.random.default_rng(3), set[bool]()
     for _ in range(4):
@@ -86,12 +88,14 @@ def test_where_the_cup_is_moved_to_no_way_is_missed(examiner: FeasibilityExamine
     assert ways == {True, False}
 
 
+@pytest.mark.slow
 def test_where_the_plate_is_moved_the_graph_is_made_anew(examiner: FeasibilityExaminer) -> None:
     far = lift(plate_pose=[0.5, 0.3, *AB1["plate_pose"][2:]])
     assert examiner.ask(far) == alone(far)
     assert examiner.ask(lift()) == alone(lift())
 
 
+@pytest.mark.slow
 def test_what_is_planned_has_a_way(examiner: FeasibilityExaminer) -> None:
     solved = []
     for place in ([0.1, 0.0], [0.12, 0.025]):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+from support.samples import among
 
 from planners import read_task, solve
 from planners.contract.task_spec import PlateLiftTask
@@ -58,7 +59,8 @@ def searched(task: dict[str, Any]) -> LiftPlan:
     return plan_lift(scene, lift_settings(read.options), silent, persistent=False)
 
 
-@pytest.mark.parametrize("index", range(4))
+@pytest.mark.parametrize("index", among(range(4), [0]))
+@pytest.mark.slow
 def test_a_searched_point_is_the_task_changed_by_hand_and_searched(index: int, places: list[StudyPoint]) -> None:
     plan, point = searched(AB1 | {"cup": AB1["cup"] | {"position": PLACES[index]}}), places[index]
     kept = None if plan.reserve is None else plan.reserve.value
@@ -71,6 +73,7 @@ def test_a_point_whose_task_there_cannot_be_is_refused_with_the_reason(places: l
     assert places[4].summary.startswith("/cup/position: ")
 
 
+@pytest.mark.slow
 def test_a_planned_point_is_the_plan_of_its_task(solver: TaskSolver) -> None:
     forces = [12, 20]
     axis = {"pointer": "/cup/max_force", "values": forces}

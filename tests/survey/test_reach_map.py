@@ -35,6 +35,7 @@ def reach(cell: Cell) -> ReachMap:
     return map_reach(cell, COARSE)
 
 
+@pytest.mark.slow
 def test_what_is_reached_is_what_any_branch_and_turn_reaches_clear_of_everything(cell: Cell, reach: ReachMap) -> None:
     """Every pair that may meet is asked of python-fcl; what is within a hair of the margin decides nothing."""
     chance, names = np.random.default_rng(1), list(DIRECTIONS)

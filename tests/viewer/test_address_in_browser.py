@@ -80,6 +80,7 @@ def show(page: Page, address: str) -> None:
     wait_for_plan(page, "ab1")
 
 
+@pytest.mark.slow
 def test_an_address_opens_its_moment_and_its_camera_and_follows_both(drawn: Page, address: str) -> None:
     show(drawn, f"{address}#t=4.5&source=simulation&camera={','.join(map(str, CAMERA))}")
     assert drawn.evaluate("[player.time, player.sourceName]") == [4.5, "simulation"]
@@ -101,6 +102,7 @@ def test_an_address_opens_its_moment_and_its_camera_and_follows_both(drawn: Page
     assert drawn.url == shown
 
 
+@pytest.mark.slow
 def test_a_certified_plan_is_shown_at_once_and_again_where_one_is_when_its_simulation_is_there(
     window: Page, service: ServiceProcess, folder: Path, address: str
 ) -> None:
@@ -117,6 +119,7 @@ def test_a_certified_plan_is_shown_at_once_and_again_where_one_is_when_its_simul
     assert window.evaluate("[player.time, player.sourceName, simulating]") == [2.5, "plan", False]
 
 
+@pytest.mark.slow
 def test_a_proof_is_shown_at_once_and_what_to_change_once_that_is_known(
     window: Page, service: ServiceProcess, folder: Path
 ) -> None:
@@ -158,6 +161,7 @@ def test_a_curve_tells_its_values_under_the_cursor(window: Page, address: str, d
     assert window.locator(".under").count() == 0
 
 
+@pytest.mark.slow
 def test_the_table_of_segments_has_each_of_them_and_leads_there(
     window: Page, address: str, document: dict[str, Any]
 ) -> None:

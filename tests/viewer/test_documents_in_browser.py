@@ -313,6 +313,7 @@ def test_the_keyboard_alone_chooses_a_plan_and_leaves_the_list(page: Page) -> No
     assert page.evaluate("document.activeElement.closest('#plan-list')") is None
 
 
+@pytest.mark.slow
 def test_a_fault_is_shown_as_one_and_not_tried_again_by_itself(window: Page, views: dict[str, str]) -> None:
     window.goto(views["no document"])
     window.wait_for_function("document.getElementById('message').innerText.includes('A fault of the service')")
@@ -357,6 +358,7 @@ def tells_why(page: Page, document: dict[str, Any]) -> None:
     "name",
     among([*UNSOLVED, "uncertified"], SHOWN),
 )
+@pytest.mark.slow
 def test_a_plan_that_was_not_found_says_why_and_so_does_its_recording(
     name: str,
     service: ServiceProcess,

@@ -54,6 +54,7 @@ def draw(socket: ClientConnection, body: Any, chosen: str | None = None) -> dict
     return ask(socket, type="draw", task=body, chosen=chosen, wrong=[], moves=0)
 
 
+@pytest.mark.slow
 def test_it_begins_with_an_example_a_plan_or_a_scene(socket: ClientConnection, client: httpx.Client) -> None:
     assert ask(socket, type="start", of="example", name="ab1") == {"type": "draft", "task": task("ab1.json")}
     plan = client.post("/v1/plans", json=task("pb1.json")).json()
@@ -117,6 +118,7 @@ def test_whatever_is_to_be_drawn_is_no_fault(socket: ClientConnection, body: Any
     assert draw(socket, body) == {"type": "done", "request": "draw"}
 
 
+@pytest.mark.slow
 def test_without_a_path_it_is_told_whether_any_way_is_left(socket: ClientConnection) -> None:
     lift = {**task("ab1.json"), "options": {"hold_density": 0.75, "reserve": 0.0}}
     draw(socket, lift)

@@ -168,6 +168,7 @@ def plan_solved(page: Page) -> None:
     expect(page.locator("#plan-status .badge")).to_have_text("solved", timeout=LOADING_MILLISECONDS)
 
 
+@pytest.mark.slow
 def test_a_task_is_made_by_mouse_alone_from_an_empty_scene(open_drawn: Callable[..., Page]) -> None:
     page = open_drawn("")
     wait_for_scene(page)
@@ -233,6 +234,7 @@ def tab_to(page: Page, selector: str) -> None:
     raise AssertionError(f"{selector} is not reached with Tab")
 
 
+@pytest.mark.slow
 def test_a_task_is_made_by_keyboard_alone_from_an_empty_scene_and_planned(
     open_page: Callable[..., Page], planned: ServiceProcess
 ) -> None:

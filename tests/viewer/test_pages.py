@@ -21,7 +21,7 @@ from support.browser import (
     wait_for_plan,
 )
 from support.plan_shelf import PlanShelf
-from support.samples import sample
+from support.samples import among, sample
 from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 
 PLANS = ("ab1", "pb1_weak_cup")
@@ -116,7 +116,7 @@ def test_a_page_says_that_no_scene_is_drawn_where_none_is(
         expect(each).to_be_visible()
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", among(PAGES, ["start", "ab1", "editor"]))
 def test_a_page_is_readable_and_whole_at_every_width_in_light_and_dark(
     name: str, window: Page, addresses: dict[str, str]
 ) -> None:
@@ -179,6 +179,7 @@ def test_a_page_loads_nothing_from_elsewhere(
     assert all(url.startswith((service.address, "data:", "blob:")) for url in asked)
 
 
+@pytest.mark.slow
 def test_the_start_page_leads_to_viewer_editor_reference_and_health(window: Page, addresses: dict[str, str]) -> None:
     for words, holds in {
         "Viewer": "/viewer/",

@@ -67,6 +67,7 @@ def listed(page: Page, *names: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_older_plans_come_page_by_page_and_stay(window: Page, plans: list[dict[str, Any]]) -> None:
     window.get_by_role("button", name="Older plans").click()
     everything = [plan["external_id"] for plan in reversed(plans)]

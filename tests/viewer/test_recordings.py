@@ -177,6 +177,7 @@ def how_many_left(client: httpx.Client) -> float:
     return sum(map(float, re.findall(left, client.get("/metrics").text)))
 
 
+@pytest.mark.slow
 def test_over_http_a_client_that_leaves_is_noticed_and_a_recording_is_known_by_its_tag(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -84,6 +84,7 @@ def open_plan(page: Page, service: ServiceProcess, name: str) -> dict[str, Any]:
     return plan
 
 
+@pytest.mark.slow
 def test_the_first_remedy_is_applied_by_one_click_and_its_plan_plays(window: Page, service: ServiceProcess) -> None:
     plan = open_plan(window, service, UNSOLVED)
     first = window.locator("#tab-body > *").nth(1).locator("li").first
@@ -115,6 +116,7 @@ def test_that_no_change_helps_is_said(window: Page, service: ServiceProcess) -> 
     assert "No single change" in window.locator("#tab-body").inner_text()
 
 
+@pytest.mark.slow
 def test_what_physics_carries_out_is_told_beside_a_plan_that_fails_there(window: Page, service: ServiceProcess) -> None:
     open_plan(window, service, FAILS)
     expect(window.locator("#tab-body")).to_contain_text("fails in physics. What mends that:")

@@ -144,6 +144,7 @@ def test_a_log_of_another_plan_is_refused(plan: Plan, tmp_path: Path) -> None:
 
 
 @needs_browser
+@pytest.mark.slow
 def test_a_page_plays_an_execution_that_was_stopped_beside_its_plan(plan: Plan, tmp_path: Path) -> None:
     document, log, page_file = tmp_path / "plan.json", tmp_path / "log.jsonl", tmp_path / "page.html"
     document.write_bytes(plan.write())

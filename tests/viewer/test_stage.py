@@ -57,6 +57,7 @@ def test_robots_are_drawn_once_for_the_cell_and_all_plans_in_it(
     assert not seen[0] & seen[1], "what the plan before had is gone, and no name comes again"
 
 
+@pytest.mark.slow
 def test_another_detail_draws_the_robots_anew(
     server: SceneServer, meshes: CountedMeshes, document: dict[str, Any], cell: Cell
 ) -> None:

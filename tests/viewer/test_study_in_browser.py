@@ -50,6 +50,7 @@ def posted(address: str, wish: str, *axes: dict, wait: int = 60) -> dict:
     return httpx.post(f"{address}/v1/studies", json=body, headers={"Prefer": f"wait={wait}"}, timeout=90).json()
 
 
+@pytest.mark.slow
 def test_the_map_fills_while_the_study_runs(page: Page, address: str) -> None:
     study = posted(address, "slow", X, Y, wait=0)
     page.goto(study["links"]["view"])
@@ -60,6 +61,7 @@ def test_the_map_fills_while_the_study_runs(page: Page, address: str) -> None:
     expect(page.locator("#drawing .cell.best")).to_have_count(1)
 
 
+@pytest.mark.slow
 def test_points_lie_on_the_plate_where_the_cup_would_sit(page: Page, address: str) -> None:
     study = posted(address, "now", X, Y)
     page.goto(study["links"]["view"])
@@ -78,6 +80,7 @@ def test_points_lie_on_the_plate_where_the_cup_would_sit(page: Page, address: st
         assert down / plate["height"] == pytest.approx(0.5 - x / 0.3, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_point_is_reached_by_keys_and_opened_as_a_plan(page: Page, address: str) -> None:
     study = posted(address, "now", {"pointer": "/cup/max_force", "values": [15, 20, 25]})
     page.goto(study["links"]["view"])
@@ -107,6 +110,7 @@ def test_studies_are_listed(page: Page, address: str) -> None:
 
 
 @pytest.mark.parametrize("what", ["map", "list"])
+@pytest.mark.slow
 def test_the_page_is_readable_at_every_width_in_light_and_dark(page: Page, address: str, what: str) -> None:
     study, shown = posted(address, "now", X, Y), False
     for scheme, size in looks(("map", "list").index(what)):

@@ -68,6 +68,7 @@ def test_what_is_posted_by_a_browser_too_is_refused_as_to_a_program(client: http
     assert answer.headers["content-type"] == "application/problem+json"
 
 
+@pytest.mark.slow
 def test_the_view_of_a_scene_leads_to_the_viewer_which_tells_of_its_objects(
     service: ServiceProcess, client: httpx.Client
 ) -> None:

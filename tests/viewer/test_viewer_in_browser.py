@@ -136,6 +136,7 @@ def test_nothing_is_said_of_a_scene_that_is_drawn(page: Page) -> None:
     assert page.locator(".undrawn").count() == 0
 
 
+@pytest.mark.slow
 def test_the_slider_moves_robot_and_curves(page: Page) -> None:
     before, lines = settled(page), now_lines(page)
     assert len(lines) == 4
@@ -214,6 +215,7 @@ def test_no_words_on_the_timeline_are_cut_off(undrawn: Page, source: str) -> Non
         page.set_viewport_size(WINDOW)
 
 
+@pytest.mark.slow
 def test_keys_move_through_time_and_leave_the_camera_alone(page: Page) -> None:
     before = settled(page)
     # The scene has the focus now: without the page's care, arrows would turn the camera.
@@ -249,6 +251,7 @@ def test_layers_are_shown_on_demand(page: Page) -> None:
     wait_until_it_is_as_before(page, far)
 
 
+@pytest.mark.slow
 def test_the_panels_tell_figures_rejections_and_checks(
     undrawn: Page, service: ServiceProcess, plans: dict[str, Any]
 ) -> None:
@@ -432,6 +435,7 @@ def test_a_recording_plays_plan_and_simulation_with_no_server(
         wait_until_it_is_as_before(page, plain)
 
 
+@pytest.mark.slow
 def test_a_job_that_was_cancelled_says_so_and_the_list_is_there_without_a_plan(
     service: ServiceProcess, open_page: Callable[..., Page]
 ) -> None:

@@ -94,6 +94,7 @@ def test_failed_and_cancelled_jobs_are_told_too(clients: dict[str, httpx.Client]
     assert told == ["plan.failed", "plan.cancelled"]
 
 
+@pytest.mark.slow
 def test_a_receiver_that_is_away_is_tried_again_with_the_same_id_and_body(
     clients: dict[str, httpx.Client], receiver: Receiver
 ) -> None:
@@ -106,6 +107,7 @@ def test_a_receiver_that_is_away_is_tried_again_with_the_same_id_and_body(
     assert len({headers["webhook-id"] for headers, _ in got}) == len({body for _, body in got}) == 1
 
 
+@pytest.mark.slow
 def test_a_receiver_that_never_takes_it_is_given_up(clients: dict[str, httpx.Client], receiver: Receiver) -> None:
     client = clients["mes"]
     webhook = register(client, f"{receiver.address}/never")
@@ -114,6 +116,7 @@ def test_a_receiver_that_never_takes_it_is_given_up(clients: dict[str, httpx.Cli
     assert (delivery["state"], [tried["status"] for tried in delivery["attempts"]]) == ("failed", [500] * 4)
 
 
+@pytest.mark.slow
 def test_redirects_are_not_followed(clients: dict[str, httpx.Client], receiver: Receiver) -> None:
     client = clients["mes"]
     webhook = register(client, f"{receiver.address}/elsewhere")

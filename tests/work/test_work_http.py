@@ -69,6 +69,7 @@ def recording(client: httpx.Client) -> str:
         (works.refuse, 422, "The task is not valid"),
     ],
 )
+@pytest.mark.slow
 def test_a_scan_that_goes_wrong_is_answered_and_so_is_everybody_else_meanwhile(
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch, work: Any, status: int, title: str
 ) -> None:
@@ -84,6 +85,7 @@ def test_a_scan_that_goes_wrong_is_answered_and_so_is_everybody_else_meanwhile(
 
 
 @pytest.mark.parametrize("what", ["scene", "recording"])
+@pytest.mark.slow
 def test_the_process_of_what_was_asked_for_is_gone_soon_after_who_has_asked(
     client: httpx.Client, settings: ServiceSettings, monkeypatch: pytest.MonkeyPatch, what: str
 ) -> None:
@@ -107,6 +109,7 @@ def test_the_process_of_what_was_asked_for_is_gone_soon_after_who_has_asked(
     assert answer.status_code in (200, 201)
 
 
+@pytest.mark.slow
 def test_a_recording_is_the_same_page_wherever_it_is_made(client: httpx.Client, tmp_path: Path) -> None:
     path = recording(client)
     document = client.get(path.replace("recording.html", "document")).content
@@ -114,6 +117,7 @@ def test_a_recording_is_the_same_page_wherever_it_is_made(client: httpx.Client, 
     assert client.get(path).text == here
 
 
+@pytest.mark.slow
 def test_a_cell_is_surveyed_in_a_process_of_its_own_and_once(
     client: httpx.Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:

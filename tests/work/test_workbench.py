@@ -89,6 +89,7 @@ def test_what_is_wrong_with_what_was_given_is_said_as_it_was_raised(bench: Workb
         done(bench, works.fail)
 
 
+@pytest.mark.slow
 def test_what_takes_too_much_memory_is_refused_and_what_dies_is_told_and_the_next_is_done(bench: Workbench) -> None:
     with pytest.raises(WorkTooLarge, match="1024 MiB"):
         done(bench, works.grow)
@@ -133,6 +134,7 @@ def test_what_nobody_waits_for_is_not_begun(bench: Workbench, tmp_path: Path) ->
     assert not (tmp_path / "told").exists()
 
 
+@pytest.mark.slow
 def test_no_process_outlives_one_that_is_killed(tmp_path: Path) -> None:
     service = subprocess.Popen([sys.executable, "-c", WAITING, str(tmp_path / "told")], cwd=ROOT)
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from app.viewer.description.plan_description import (
     squeeze_words,
 )
 from app.viewer.playback import objects_of_segments
-from planners.contract.task_spec import SuctionToolTask, ToolName
+from planners.contract.task_spec import SuctionToolTask
 from planners.plan.plan import Plan
 from planners.plan.segment import Segment, riding_on
 from planners.plan.simulation import ToolSimulation, failure_of
@@ -30,7 +30,7 @@ OUTCOMES = {
     "toppled": "toppled",
     "off_goal": "off its goal",
 }
-TOOL_WORDS: dict[ToolName, str] = {
+TOOL_WORDS: Mapping[str, str] = {
     "carton_lifter": "tool for cartons",
     "long_symmetric": "long tool",
     "long_symmetric_large_pad": "long tool with the large pad",
@@ -54,7 +54,8 @@ class ToolDescription(KindDescription):
         """Say how many objects are moved, and with which tool."""
         task = self.plan.task
         assert isinstance(task, SuctionToolTask)
-        tool = TOOL_WORDS[task.tool] if isinstance(task.tool, str) else "custom tool"
+        # One that the cell brings has no words but its name.
+        tool = TOOL_WORDS.get(task.tool, f"tool {plain(task.tool)}") if isinstance(task.tool, str) else "custom tool"
         count = len(task.objects)
         masses = sorted({item.mass for item in task.objects})
         mass = f"{masses[0]:g} kg" if len(masses) == 1 else f"{masses[0]:g} to {masses[-1]:g} kg"

@@ -10,22 +10,22 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from planners.cell.cell import Cell
-from planners.contract.quantities import Length, Point2, Pose
+from planners.contract.quantities import Length, Name, Point2, Pose
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism, Shape
-from planners.contract.task_spec import CustomTool, PlateLiftTask, SuctionToolTask, ToolName
+from planners.contract.task_spec import CustomTool, PlateLiftTask, SuctionToolTask
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Role
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import Solid
-from planners.scene.suction_tool import TOOL_NAME, SuctionTool, load_tool
+from planners.scene.suction_tool import TOOL_NAME, SuctionTool, find_tool
 
 Read = TypeVar("Read")
 SHAPE: TypeAdapter[Box | Cylinder | Prism | Mesh] = TypeAdapter(Shape)
 POSE: TypeAdapter[tuple[float, ...]] = TypeAdapter(Pose)
 PLACE: TypeAdapter[tuple[float, float]] = TypeAdapter(Point2)
 LENGTH: TypeAdapter[float] = TypeAdapter(Length)
-TOOL: TypeAdapter[str | CustomTool] = TypeAdapter(ToolName | CustomTool)
+TOOL: TypeAdapter[str | CustomTool] = TypeAdapter(Name | CustomTool)
 DEFAULT_CELLS = {
     "plate_lift": PlateLiftTask.model_fields["cell"].default,
     "suction_tool": SuctionToolTask.model_fields["cell"].default,
@@ -145,7 +145,7 @@ def _add_tool(reader: _PartReader, task: dict[str, Any], cell: Cell, tools: Mapp
     if wanted is None or T_world_tool is None or (given is not None and place is None):
         return
     try:
-        tool = tools[wanted] if isinstance(wanted, str) else load_tool(wanted, shapes=reader.shapes)
+        tool = find_tool(wanted, cell, reader.shapes, tools)
     except LiftwrightError:
         return
     body = tool.body

@@ -17,6 +17,11 @@ function tableTop(task, { cell_limits }) {
   return (cell_limits[task.cell] ?? Object.values(cell_limits)[0]).table.top;
 }
 
+/** Names of tools that a task may use: the shipped ones, and those that its cell brings. */
+function toolNames(task, { tools, cell_limits }) {
+  return [...new Set([...tools, ...(cell_limits[task.cell]?.tools ?? [])])].sort();
+}
+
 const EMPTY = {
   plate_lift: { kind: "plate_lift" },
   suction_tool: { kind: "suction_tool", objects: [] },
@@ -130,7 +135,7 @@ function fieldsOf(thing, draft, capabilities) {
       return [{ title: "Shape", fields: shapeFields("/support/shape", draft, ["box", "cylinder", "prism"], capabilities) }, place];
     case "tool":
       return [
-        { title: "Tool", fields: [typeof draft.get("/tool") === "object" ? { type: "words", words: "A tool of the task's own." } : select("Tool", "/tool", capabilities.tools, { optional: true })] },
+        { title: "Tool", fields: [typeof draft.get("/tool") === "object" ? { type: "words", words: "A tool of the task's own." } : select("Tool", "/tool", toolNames(draft.task, capabilities), { optional: true })] },
         { ...place, fields: [{ type: "pose", pointer: "/tool_pose", optional: "in the cell's rest" }] },
       ];
     case "goal":

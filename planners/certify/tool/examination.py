@@ -31,7 +31,7 @@ class ToolExamination:
         Raises:
             MalformedDocument: A member of the task is missing or of the wrong type, or a body that it needs is.
         """
-        self._evidence, self._task = evidence, ToolTask.of(task, evidence.reference)
+        self._evidence, self._task = evidence, ToolTask.of(task, evidence.plan.stated.cell, evidence.reference)
         evidence.require_bodies((TOOL, *(stated.body.name for stated in self._task.objects)))
 
     def scene(self) -> list[Check]:

@@ -18,6 +18,7 @@ from planners.certify.plan_view import BodyView, MalformedDocument, PlanView
 from planners.certify.settings import CertifySettings
 from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask
 from planners.geometry.pose import Array, Transform, from_pose7, inverse
+from planners.plan.scenery import CellDocument, ToolDocument
 from planners.plan.verdicts import Check
 
 TOOL = "tool"
@@ -61,13 +62,16 @@ class ToolTask:
     obstacles: tuple[StatedBody, ...]
 
     @classmethod
-    def of(cls, task: SuctionToolTask, reference: CellReference | None) -> ToolTask:
+    def of(cls, task: SuctionToolTask, cell: CellDocument, reference: CellReference | None) -> ToolTask:
         """Take from a task what is compared, and what is known of the tool that it names.
+
+        Tools that the document's cell brings are compared with the reference's where its cell is.
 
         Raises:
             MalformedDocument: a member of the task is missing.
         """
-        known = {} if reference is None else reference.tools
+        known: dict[str, CustomTool | ToolDocument] = {**({} if reference is None else reference.tools)}
+        known |= cell.tools or {}
         tool = known.get(task.tool) if isinstance(task.tool, str) else task.tool
         rest = None if reference is None else reference.tool_pose
         pose = rest if task.tool_pose is None else task.tool_pose
@@ -109,7 +113,7 @@ def _stated_object(given: ObjectToMove, at: str) -> StatedObject:
     )
 
 
-def _stated_tool(given: CustomTool) -> StatedTool:
+def _stated_tool(given: CustomTool | ToolDocument) -> StatedTool:
     if given.com is None:
         raise MalformedDocument("/task/tool/com", "is missing")
     shapes = [

@@ -125,6 +125,7 @@ def test_the_margin_is_that_of_the_worst_joint_at_the_worst_sample(honest, surfa
     assert check.where.endswith(joint)
 
 
+@pytest.mark.slow
 def test_what_one_contact_set_asks_for_counts_up_to_both_its_neighbours(honest_document):
     """Oracle: the planners' kernel, with the set before at all samples in between, and with the set after."""
     document, places = copy.deepcopy(honest_document), set()

@@ -38,6 +38,7 @@ def random_solid(rng: np.random.Generator) -> ConvexSolid:
     return polytope("hull", "test", FRAME, convex_part(rng.normal(size=(12, 3)) * 0.05))
 
 
+@pytest.mark.slow
 def test_distances_are_coals_and_never_larger(true_distance: Distance) -> None:
     rng = np.random.default_rng(2)
     apart = 0

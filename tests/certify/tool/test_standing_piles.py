@@ -70,6 +70,7 @@ def test_a_rider_may_weigh_what_the_beam_balances(
     assert failures == ({} if stands else {"standing": "the start: beam and rider would fall"})
 
 
+@pytest.mark.slow
 def test_what_is_put_down_must_not_take_others_down(surfaces: RobotSurfaces, known: CellReference) -> None:
     beam = resting("beam", 0.55 + OUT - 0.02, TABLE + 0.04)
     put = block(goal_pose=[0.60 + 0.02, -0.3, TABLE + 0.07, 1, 0, 0, 0])

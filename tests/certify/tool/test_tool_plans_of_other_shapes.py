@@ -157,6 +157,7 @@ def test_a_plan_with_a_custom_tool_passes(
     assert failures(certified(of_a_custom_tool, surfaces, known)) == {}
 
 
+@pytest.mark.slow
 def test_a_plan_with_a_shaft_in_two_halves_passes(surfaces: RobotSurfaces, known: CellReference) -> None:
     """Hands close on both halves at once, which are thick together only."""
     document = planned({"objects": [block()], "tool": TOOL | {"shapes": [TOOL["shapes"][0], *HALVES]}})
@@ -220,6 +221,7 @@ def test_a_goal_is_reached_up_to_the_declared_symmetry_and_no_further(
     assert found == {} if reached else set(found) == {"goal_angles"}
 
 
+@pytest.mark.slow
 def test_a_round_object_is_at_its_goal_however_it_is_turned(surfaces: RobotSurfaces, known: CellReference) -> None:
     can = {"shape": {"type": "cylinder", "radius": 0.04, "height": 0.02}}
     document = planned({"objects": [block(**can)]})
