@@ -182,7 +182,7 @@ class SceneServer:
             raise MapNotPainted("it does not vary the place of a lifter's cup alone")
         shown = self._shown
         if not isinstance(shown, PlanScene) or not is_of_study(shown.playback.plan, study):
-            raise MapNotPainted("the plan that is shown lifts another plate, or from another pose")
+            raise MapNotPainted("what is shown is no plan that lifts its plate from where it lies there")
         with self.together():
             return shown.paint(study, places, told)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 import viser
 from support.service import task
 
-from app.viewer.drawing.cup_map import LIFTED, CupMap, cup_places
+from app.viewer.drawing.cup_map import LIFTED, CupMap, cup_places, is_of_study
 from planners.geometry.pose import from_pose7
+from planners.plan.plan import Plan
 from planners.study.study import Study
 from planners.study.study_map import StudyMap, StudyPoint
 
@@ -79,3 +81,26 @@ def test_a_ray_onto_a_tile_chooses_its_point_wherever_the_plate_is() -> None:
 )
 def test_what_varies_anything_else_is_not_painted(axes: tuple[dict[str, Any], ...]) -> None:
     assert cup_places(studied(*axes)[1]) is None
+
+
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [
+        ({}, True),
+        ({"cup": {"position": [0.01, 0.02], "radius": 0.02, "max_force": 30}}, True),
+        ({"plate_pose": [0.31, 0.0, 1.1, 1, 0, 0, 0]}, False),
+        ({"cell": "dual_ur10e_lift"}, False),
+        ({"plate": {"mass": 1.5}}, False),
+        ({"plate": {"com": [0.01, 0.0, 0.0]}}, False),
+    ],
+)
+def test_a_map_is_of_the_plans_that_lift_its_plate_from_its_pose(
+    document: dict[str, Any], other: dict[str, Any], same: bool
+) -> None:
+    """Wherever the cup is, and whether or not the study says where the plate's centre of mass is: plans always do."""
+    stated = {**document["task"], "plate": {**document["task"]["plate"], "com": [0.0, 0.0, 0.0]}}
+    plan = Plan.read(json.dumps({**document, "task": stated}).encode())
+    plate = {"com": None, **other.get("plate", {})}
+    body = {**document["task"], **other, "plate": {**document["task"]["plate"], **plate}}
+    study = Study.read({"task": body, "axes": [X]})
+    assert is_of_study(plan, StudyMap.of(study, [])) is same

@@ -29,7 +29,7 @@ FALLING = ((-0.25, 0.25), (0.25, -0.25))
 MARKS = {
     "not_found": (RISING,),
     "infeasible": (RISING, FALLING),
-    "refused": (((-0.03, 0.0), (0.03, 0.0)),),
+    "refused": (((-0.12, 0.0), (0.12, 0.0)),),
     "failed": (((0.0, -0.1), (0.0, 0.3)), ((0.0, -0.3), (0.0, -0.25))),
 }
 """Strokes by outcome, in sides of a tile: those of the page of the study."""
@@ -92,7 +92,10 @@ def is_of_study(plan: Plan, study: StudyMap) -> bool:
     if not isinstance(task, PlateLiftTask) or study.task.get("kind") != task.kind:
         return False
     theirs = PlateLiftTask.model_validate(study.task)
-    return theirs.plate == task.plate and theirs.plate_pose == task.plate_pose and theirs.cell == task.cell
+    # Plans state centres of mass that studies may leave out.
+    com = task.plate.com if theirs.plate.com is None else theirs.plate.com
+    plate = theirs.plate.model_copy(update={"com": com})
+    return plate == task.plate and theirs.plate_pose == task.plate_pose and theirs.cell == task.cell
 
 
 class CupMap:
