@@ -24,15 +24,15 @@ COVERED = 0.92
 """Of its step, by a tile's side [1]."""
 UNSOLVED, MARK, CURRENT = (216, 216, 216), (40, 40, 40), (214, 38, 120)
 TILE = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
-RISING = ((-0.25, -0.25), (0.25, 0.25))
-FALLING = ((-0.25, 0.25), (0.25, -0.25))
+RISING = ((-0.25, 0.25), (0.25, -0.25))
+FALLING = ((-0.25, -0.25), (0.25, 0.25))
 MARKS = {
     "not_found": (RISING,),
     "infeasible": (RISING, FALLING),
-    "refused": (((-0.12, 0.0), (0.12, 0.0)),),
-    "failed": (((0.0, -0.1), (0.0, 0.3)), ((0.0, -0.3), (0.0, -0.25))),
+    "refused": (((0.0, -0.12), (0.0, 0.12)),),
+    "failed": (((-0.3, 0.0), (0.1, 0.0)), ((0.25, 0.0), (0.3, 0.0))),
 }
-"""Strokes by outcome, in sides of a tile: those of the page of the study."""
+"""Strokes by outcome, in sides of a tile, as whoever faces the robot reads them: those of the page of the study."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,9 @@ class CupMap:
             batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1)),
             batched_positions=self._on_top(centers, LIFTED),
             batched_scales=np.tile([*(COVERED * places.step), 1.0], (len(points), 1)),
-            batched_colors=np.array([colour_of_point(point) for point in points], dtype=np.uint8),
+            batched_colors=_linear([colour_of_point(point) for point in points]),
+            # Without gloss, which would hide the colours.
+            material="toon3",
             lod="off",
             side="double",
             cast_shadow=False,
@@ -185,6 +187,13 @@ class CupMap:
         point = self._places.nearest(place[:2], self._known)
         if point is not None:
             self._told(point)
+
+
+def _linear(colours: Sequence[tuple[int, int, int]]) -> Array:
+    """Return colours (n, 3) of 8 bits as viser takes those of batched meshes: linear in light (IEC 61966-2-1)."""
+    coded = np.array(colours) / 255
+    light = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
+    return np.round(255 * light).astype(np.uint8)
 
 
 def colour_of_point(point: StudyPoint) -> tuple[int, int, int]:
