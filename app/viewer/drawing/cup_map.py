@@ -156,7 +156,7 @@ class CupMap:
             batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1)),
             batched_positions=self._on_top(centers, LIFTED),
             batched_scales=np.tile([*(COVERED * places.step), 1.0], (len(points), 1)),
-            batched_colors=_linear([colour_of_point(point) for point in points]),
+            batched_colors=np.round(255 * _light([colour_of_point(point) for point in points])).astype(np.uint8),
             # Without gloss, which would hide the colours.
             material="toon3",
             lod="off",
@@ -189,11 +189,10 @@ class CupMap:
             self._told(point)
 
 
-def _linear(colours: Sequence[tuple[int, int, int]]) -> Array:
-    """Return colours (n, 3) of 8 bits as viser takes those of batched meshes: linear in light (IEC 61966-2-1)."""
+def _light(colours: Sequence[tuple[int, int, int]]) -> Array:
+    """Return the light (n, 3) of sRGB colours [1] (IEC 61966-2-1): viser takes colours of batched meshes so."""
     coded = np.array(colours) / 255
-    light = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
-    return np.round(255 * light).astype(np.uint8)
+    return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
 
 
 def colour_of_point(point: StudyPoint) -> tuple[int, int, int]:
