@@ -378,6 +378,13 @@ class CellNotDrawn(ServiceError, status=HTTPStatus.NOT_FOUND, title="No drawing"
         super().__init__(f"this was made in the cell {name!r}; drawings exist of {', '.join(known)}")
 
 
+class MapNotPainted(ServiceError, status=HTTPStatus.CONFLICT, title="Not painted"):
+    """The map of a study cannot be painted onto the plate of the plan that is shown."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(f"the map of this study is not painted onto the plate: {why}")
+
+
 class NotAWebhook(NotValid):
     """What was posted registers no webhook."""
 

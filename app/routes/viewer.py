@@ -181,7 +181,7 @@ async def visible_now(socket: WebSocket) -> Visible:
     assert caller is not None, "the viewer's websockets are not public"
     state = socket.app.state
     cells = state.cells.seen_by(caller).with_deleted()
-    return Visible(state.plans.seen_by(caller), state.scenes.seen_by(caller), cells)
+    return Visible(state.plans.seen_by(caller), state.scenes.seen_by(caller), state.studies.seen_by(caller), cells)
 
 
 @cache

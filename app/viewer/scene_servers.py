@@ -11,7 +11,7 @@ import os
 import re
 import secrets
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ import rich
 import viser
 from starlette.concurrency import run_in_threadpool
 
-from app.errors import CellNotDrawn, TooManyWatchers
+from app.errors import CellNotDrawn, MapNotPainted, TooManyWatchers
 from app.resources.cell_collection import CellCollection
 from app.resources.followers import counted
 from app.resources.plan_collection import PlanCollection
@@ -31,6 +31,7 @@ from app.viewer.description.perceived_description import PerceivedDescription, d
 from app.viewer.description.plan_description import PlanDescription
 from app.viewer.drawing.body_drawing import EmptyCell, Stage
 from app.viewer.drawing.camera import DRAFT_VIEW, FIELD_OF_VIEW, NO_OBSTACLES, PERCEIVED_VIEW, VIEWS, RecordedView, View
+from app.viewer.drawing.cup_map import cup_places, is_of_study
 from app.viewer.drawing.link_meshes import FULL, Detail, LinkMeshes
 from app.viewer.drawing.perceived_scene import SceneDrawing
 from app.viewer.drawing.plan_scene import PlanScene
@@ -45,6 +46,7 @@ from planners.contract.scene_document import SceneDocument
 from planners.geometry.pose import Array
 from planners.perception.seen_points import SeenPoints
 from planners.plan.plan import Plan
+from planners.study.study_map import StudyMap
 from workers.stores.plan_store import StoredDocument
 
 MOST_RELAYS = 4
@@ -164,6 +166,25 @@ class SceneServer:
             with self._server.atomic():
                 self._shown.show(source, time)
             self._server.flush()
+
+    def paint(self, study: StudyMap, told: Callable[[int], None]) -> int | None:
+        """Paint the map of a study onto the plate of the plan that is shown, and return the point that is its plan's.
+
+        Args:
+            study: as far as it is known.
+            told: called with the number of a point that somebody clicks on, from a thread of viser's.
+
+        Raises:
+            MapNotPainted: It is no map of cup places, or of another plate.
+        """
+        places = cup_places(study)
+        if places is None:
+            raise MapNotPainted("it does not vary the place of a lifter's cup alone")
+        shown = self._shown
+        if not isinstance(shown, PlanScene) or not is_of_study(shown.playback.plan, study):
+            raise MapNotPainted("what is shown is no plan that lifts its plate from where it lies there")
+        with self.together():
+            return shown.paint(study, places, told)
 
     def set_layer(self, layer: str, *, visible: bool) -> None:
         """Show or hide a layer of what is shown, if it has one of that name."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import uuid
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
@@ -12,6 +13,7 @@ import anyio
 import numpy as np
 import structlog
 import websockets
+from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -20,15 +22,18 @@ from app.errors import (
     CellNotDrawn,
     DocumentNotReady,
     KeyNeeded,
+    MapNotPainted,
     PlanNotFound,
     SceneNotFound,
     ScopeNeeded,
+    StudyNotFound,
     TooManyRequests,
     TooManyWatchers,
 )
 from app.resources.cell_collection import CellCollection
 from app.resources.plan_collection import PlanCollection
 from app.resources.scene_collection import SceneCollection
+from app.resources.study_collection import StudyCollection
 from app.viewer.drawing import perceived_scene, plan_scene
 from app.viewer.drawing.camera import VIEWS
 from app.viewer.drawing.link_meshes import FULL, LIGHT
@@ -41,6 +46,8 @@ TRY_AGAIN_LATER, INTERNAL_ERROR, POLICY_VIOLATION, BAD_DATA, UNSUPPORTED_DATA = 
 """Close codes of RFC 6455, and of its registry."""
 CAMERA_DIGITS = 3
 """Of where it is: millimetres."""
+MOST_UNSENT = 64
+"""Answers and clicks that wait for a page."""
 LONGEST_REASON = 120
 """Of closing [bytes]."""
 Answered = TypeVar("Answered")
@@ -98,6 +105,12 @@ class SetDetail(PageRequest[Literal["detail"]]):
     light: bool
 
 
+class PaintStudy(PageRequest[Literal["paint"]]):
+    """Paint the map of a study onto the plate of the plan that is shown, as far as it is known."""
+
+    study: str
+
+
 class Look(PageRequest[Literal["view"]]):
     """Move the camera."""
 
@@ -147,6 +160,7 @@ class RequestRefused(PageAnswer):
     plan: str | None = None
     """That was asked for."""
     scene: str | None = None
+    study: str | None = None
 
 
 @dataclass(frozen=True)
@@ -175,6 +189,28 @@ class ShownScene(PageAnswer):
 
 
 @dataclass(frozen=True)
+class PaintedStudy(PageAnswer):
+    """The map of a study is on the plate."""
+
+    type = "painted"
+    study: str
+    point: int | None
+    """That has the cup where the plan that is shown has it."""
+    count: int
+    outcomes: dict[str, int]
+    """How many points are known, by outcome."""
+
+
+@dataclass(frozen=True)
+class ChosenPoint(PageAnswer):
+    """Somebody clicked on a point of a map in the scene."""
+
+    type = "point"
+    study: str
+    point: int
+
+
+@dataclass(frozen=True)
 class ToldCamera(PageAnswer):
     """Where the camera is."""
 
@@ -183,13 +219,14 @@ class ToldCamera(PageAnswer):
     """Place, point that it looks at and way up; None: nobody looks."""
 
 
-WatcherMessage = OpenPlan | OpenPerceived | ShowTime | SetLayer | SetDetail | Look | TellCamera
+WatcherMessage = OpenPlan | OpenPerceived | ShowTime | SetLayer | SetDetail | PaintStudy | Look | TellCamera
 WORDS = {
     "open": "show this plan",
     "open_perceived": "show this scene",
     "time": "show that time",
     "layer": "change what is shown",
     "detail": "draw the cell",
+    "paint": "paint this study",
     "view": "move the camera",
     "camera": "tell where the camera is",
 }
@@ -203,6 +240,7 @@ class Visible:
 
     plans: PlanCollection
     scenes: SceneCollection
+    studies: StudyCollection
     cells: CellCollection
     """Deleted ones too, by their ids."""
 
@@ -222,12 +260,29 @@ async def watch(
         if server is None:
             return
 
+        # A click in the scene comes from a thread of viser's; what is told goes out by one task, in one order.
+        loop = asyncio.get_running_loop()
+        outbox, sent = anyio.create_memory_object_stream[PageAnswer](MOST_UNSENT)
+
+        def told(point: ChosenPoint) -> None:
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(_tell, outbox, point)
+
         async def answer(text: str) -> None:
             request = REQUESTS.validate_json(text)
-            told = await or_told(request, WORDS[request.type], _answer(servers, server, visible_now, request))
-            await socket.send_json(told.document())
+            work = _answer(servers, server, visible_now, request, told)
+            await outbox.send(await or_told(request, WORDS[request.type], work))
 
-        await answer_requests(socket, answer, "viewer")
+        async with outbox, anyio.create_task_group() as tasks:
+            tasks.start_soon(send_on, sent, socket)
+            await answer_requests(socket, answer, "viewer")
+            tasks.cancel_scope.cancel()
+
+
+def _tell(outbox: MemoryObjectSendStream[PageAnswer], point: ChosenPoint) -> None:
+    """Tell the page of a click, unless it has gone or does not keep up."""
+    with suppress(anyio.WouldBlock, anyio.BrokenResourceError, anyio.ClosedResourceError):
+        outbox.send_nowait(point)
 
 
 @asynccontextmanager
@@ -275,6 +330,17 @@ async def _receive_text(socket: WebSocket) -> str | None:
     return message.get("text")
 
 
+async def send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocket) -> None:
+    """Send a page what waits for it until it goes away."""
+    # Closed behind the last that can be sent, so that no answer waits for a page that has gone.
+    async with sent:
+        try:
+            async for answer in sent:
+                await socket.send_json(answer.document())
+        except (WebSocketDisconnect, RuntimeError):
+            log.debug("somebody left")
+
+
 async def or_told(request: PageRequest, deed: str, work: Awaitable[PageAnswer]) -> PageAnswer:
     """Return the answer to a request, or what went wrong in the service itself.
 
@@ -310,28 +376,22 @@ async def or_fault(deed: str, work: Awaitable[Answered]) -> Answered:
 
 
 def refusal(request: PageRequest, detail: str) -> RequestRefused:
-    """Return the answer to a request that cannot be met; it names the plan or the scene that was asked for."""
-    return RequestRefused(request.type, detail, **request.model_dump(include={"plan", "scene"}))
+    """Return the answer to a request that cannot be met; it names the plan, scene or study that was asked for."""
+    return RequestRefused(request.type, detail, **request.model_dump(include={"plan", "scene", "study"}))
 
 
 async def _answer(
-    servers: SceneServers, server: SceneServer, visible_now: Callable[[], Awaitable[Visible]], request: WatcherMessage
+    servers: SceneServers,
+    server: SceneServer,
+    visible_now: Callable[[], Awaitable[Visible]],
+    request: WatcherMessage,
+    clicked: Callable[[ChosenPoint], None],
 ) -> PageAnswer:
     match request:
-        case OpenPlan():
-            try:
-                told = await run_in_threadpool(servers.open, server, (await visible_now()).plans, request.plan)
-            except (PlanNotFound, DocumentNotReady, CellNotDrawn, TooManyRequests) as error:
-                return refusal(request, str(error))
-            return ShownPlan(told.model_dump(mode="json", by_alias=True))
-        case OpenPerceived():
-            try:
-                told = await run_in_threadpool(
-                    servers.open_perceived, server, (await visible_now()).scenes, request.scene
-                )
-            except (SceneNotFound, CellNotDrawn, TooManyRequests) as error:
-                return refusal(request, str(error))
-            return ShownScene(told.model_dump(mode="json"))
+        case OpenPlan() | OpenPerceived():
+            return await _opened(servers, server, visible_now, request)
+        case PaintStudy():
+            return await _painted(server, visible_now, request, clicked)
         case ShowTime():
             await run_in_threadpool(server.show, request.source, request.time)
         case SetLayer():
@@ -345,6 +405,42 @@ async def _answer(
             told = None if camera is None else [round(float(each), CAMERA_DIGITS) for each in np.concatenate(camera)]
             return ToldCamera(told)
     return Done(request.type)
+
+
+async def _opened(
+    servers: SceneServers,
+    server: SceneServer,
+    visible_now: Callable[[], Awaitable[Visible]],
+    request: OpenPlan | OpenPerceived,
+) -> PageAnswer:
+    visible = await visible_now()
+    try:
+        if isinstance(request, OpenPlan):
+            plan = await run_in_threadpool(servers.open, server, visible.plans, request.plan)
+            return ShownPlan(plan.model_dump(mode="json", by_alias=True))
+        scene = await run_in_threadpool(servers.open_perceived, server, visible.scenes, request.scene)
+        return ShownScene(scene.model_dump(mode="json"))
+    except (PlanNotFound, DocumentNotReady, SceneNotFound, CellNotDrawn, TooManyRequests) as error:
+        return refusal(request, str(error))
+
+
+async def _painted(
+    server: SceneServer,
+    visible_now: Callable[[], Awaitable[Visible]],
+    request: PaintStudy,
+    clicked: Callable[[ChosenPoint], None],
+) -> PageAnswer:
+    study = request.study
+
+    def told(index: int) -> None:
+        clicked(ChosenPoint(study, index))
+
+    try:
+        known = await run_in_threadpool((await visible_now()).studies.map, study)
+        point = await run_in_threadpool(server.paint, known, told)
+    except (StudyNotFound, MapNotPainted) as error:
+        return refusal(request, str(error))
+    return PaintedStudy(study, point, known.count, known.outcomes)
 
 
 async def relay_scene(socket: WebSocket, address: str) -> None:

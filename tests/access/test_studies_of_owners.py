@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import httpx
 import pytest
 from access.conftest import GuardedService
 from support.service import finished, task
+from websockets.sync.client import connect
 
 BODY = {"task": task(external_id="now"), "axes": [{"pointer": "/cup/max_force", "values": [15, 20]}]}
 
@@ -36,6 +38,28 @@ def test_the_study_of_somebody_else_does_not_exist(service: GuardedService) -> N
             assert stranger.request(method, path).status_code == 404, (method, path)
         assert stranger.get("/v1/studies").json()["studies"] == []
         assert study["id"] in [each["id"] for each in admin.get("/v1/studies").json()["studies"]]
+
+
+def refusal_to_paint(service: GuardedService, name: str, study: str) -> str:
+    """Return why a study's map is not painted into an empty scene of the viewer."""
+    headers = {"Authorization": f"Bearer {service.keys[name]}"}
+    with connect(f"{service.address.replace('http', 'ws')}/viewer/watch", additional_headers=headers) as socket:
+        assert json.loads(socket.recv(timeout=60))["type"] == "scene"
+        socket.send(json.dumps({"type": "paint", "study": study}))
+        told = json.loads(socket.recv(timeout=60))
+    assert (told["type"], told["study"]) == ("refused", study)
+    return told["detail"]
+
+
+def test_the_viewer_paints_the_study_of_nobody_else(service: GuardedService) -> None:
+    with service.client("writer") as writer, service.client("stranger") as stranger:
+        study = writer.post("/v1/studies", json=BODY).raise_for_status().json()
+        hidden = stranger.get(study["links"]["self"])
+        assert hidden.status_code == 404
+        assert refusal_to_paint(service, "stranger", study["id"]) == hidden.json()["detail"]
+        # To whom it belongs, and who may see all, it is refused for what it is: no map of cup places.
+        for name in ("writer", "reader", "admin"):
+            assert "place of a lifter's cup" in refusal_to_paint(service, name, study["id"])
 
 
 def test_a_reader_may_look_at_a_study_but_not_touch_it(service: GuardedService) -> None:

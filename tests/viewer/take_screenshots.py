@@ -6,7 +6,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 
@@ -32,6 +32,8 @@ SCENE = "viewer-scene"
 """Name of the picture of the scan that is shipped."""
 STUDY, PLACES, EDGE = "study-viewer", 12, 0.12
 """Name of the picture of a map of cup places; how many it has along each side, the outermost from the middle [m]."""
+TILES, FEW_PLACES = "study-scene", 4
+"""Name of the picture of a map on the plate of a plan, and how many places it has along each side."""
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,19 @@ def main(wanted: list[str]) -> None:
             page.close()
         if not wanted or {EDITOR, COMPARISON} & set(wanted):
             photograph_editor(browser, service.address)
+        if not wanted or TILES in wanted:
+            study = finished(client, client.post("/v1/studies", json=study_of_cup(FEW_PLACES)).json())
+            best = client.get(study["links"]["map"]).json()["best"]
+            plan = finished(client, client.post(f"{study['links']['points']}/{best['index']}/plan").json())
+            page = open_page(f"/viewer/?plan={plan['id']}&study={study['id']}", WINDOW)
+            page.locator("#study-told").wait_for(timeout=DRAWING_MILLISECONDS)
+            page.wait_for_timeout(DRAWING_MILLISECONDS)
+            page.evaluate("connection.look('close')")
+            page.wait_for_timeout(DRAWING_MILLISECONDS)
+            page.screenshot(path=DOCS / f"{TILES}.png")
+            page.close()
         if not wanted or STUDY in wanted:
-            axes = [{"pointer": f"/cup/position/{axis}", "min": -EDGE, "max": EDGE, "count": PLACES} for axis in (0, 1)]
-            study = client.post("/v1/studies", json={"task": task("ab1.json"), "axes": axes}).json()
+            study = client.post("/v1/studies", json=study_of_cup(PLACES)).json()
             page = open_page(study["links"]["view"], WINDOW)
             expect(page.locator("#state")).to_contain_text(f"{PLACES**2} of {PLACES**2} points", timeout=300e3)
             page.locator("#drawing .cell.best").click()
@@ -113,6 +125,12 @@ def main(wanted: list[str]) -> None:
             page.wait_for_function("perceived.description")
             page.wait_for_timeout(DRAWING_MILLISECONDS)
             page.screenshot(path=DOCS / f"{SCENE}.png")
+
+
+def study_of_cup(places: int) -> dict[str, Any]:
+    """Return a study of the cup at so many places along each side of AB1's plate."""
+    axes = [{"pointer": f"/cup/position/{axis}", "min": -EDGE, "max": EDGE, "count": places} for axis in (0, 1)]
+    return {"task": task("ab1.json"), "axes": axes}
 
 
 def photograph_editor(browser: Browser, address: str) -> None:

@@ -19,8 +19,8 @@ from support.service import FAKE_SOLVER, ServiceProcess, running_service, task
 from websockets.sync.client import ClientConnection, connect
 
 from app.viewer.editor.draft_scene import Chosen
-from app.viewer.editor.editing import MOST_UNSENT, Judged, News, Workshop, _Editing, edit
-from app.viewer.watch import PageAnswer
+from app.viewer.editor.editing import Judged, News, Workshop, _Editing, edit
+from app.viewer.watch import MOST_UNSENT, PageAnswer
 from planners.geometry.pose import from_pose7
 from planners.scene.shape_source import no_uploads
 

@@ -12,25 +12,27 @@ from app.viewer.drawing.body_drawing import Stage, add_frame, draw_body, place_a
 from app.viewer.drawing.camera import NO_OBSTACLES
 from app.viewer.drawing.considered_signs import draw_grasps, draw_places
 from app.viewer.drawing.contact_forces import ContactDrawing, by_hand
+from app.viewer.drawing.cup_map import CupMap, CupPlaces
 from app.viewer.palette import FORCE_SCALES, Rgb, object_tint, rgb
 from app.viewer.playback import Playback, SourceName, objects_of_segments
 from planners.cell.cell import Cell
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Prism
-from planners.contract.task_spec import SuctionToolTask
+from planners.contract.task_spec import PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import Array, from_pose7
 from planners.geometry.surface import hull_with_faces
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument
 from planners.plan.timeline import Moment
 from planners.scene.clashes import arm_frames
+from planners.study.study_map import StudyMap
 
 NAMED = frozenset({"plate", "object", "tool", "support", "obstacle"})
 """Roles whose names are shown."""
 NAME_GAP = 0.02
 """Between a body and its name [m]."""
-LAYERS = ("forces", "newtons", "cones", "names", "frames", "start", "goal", "places", "grasps")
+LAYERS = ("forces", "newtons", "cones", "names", "frames", "start", "goal", "places", "grasps", "map")
 """What can be shown or hidden."""
-FIRST_LAYERS = frozenset({"forces", "newtons", "names"})
+FIRST_LAYERS = frozenset({"forces", "newtons", "names", "map"})
 GHOST_OPACITY = 0.28
 MOVED = frozenset({"plate", "object"})
 """Roles of the body that a task is about."""
@@ -100,6 +102,7 @@ class PlanScene:
         """Names of the nodes that all signs of a layer are below."""
         self._signs = {layer: self._add_signs(layer, plan) for layer in SIGNS}
         self._moment = plan.at(0.0)
+        self._map: CupMap | None = None
         self.show("plan", 0.0)
 
     def show(self, source: SourceName, time: float) -> None:
@@ -110,8 +113,36 @@ class PlanScene:
             if not np.array_equal(pose, self._poses[name]):
                 place_at(self._bodies[name], pose)
                 self._poses[name] = pose
+        if self._map is not None:
+            self._map.T_world_plate = from_pose7(self._poses[self._first])
         self._show_contacts()
         self._show_signs()
+
+    def paint(self, study: StudyMap, places: CupPlaces, told: Callable[[int], None]) -> int | None:
+        """Paint the map of a study of cup places onto the plate, in place of what is painted there.
+
+        Args:
+            study: of this plan's plate, as far as it is known.
+            places: of the cup at its points.
+            told: called with the number of a point that somebody clicks on, from a thread of viser's.
+
+        Returns:
+            The point that has the cup where this plan has it, which is marked; None: none has.
+        """
+        task = self._playback.plan.task
+        assert isinstance(task, PlateLiftTask)
+        if self._map is None:
+            plate = self._playback.plan.bodies[self._first]
+            self._map = CupMap(self._scene, f"{self._root}/bodies/{self._first}/map", _top(plate), told)
+            self._map.T_world_plate = from_pose7(self._poses[self._first])
+        current = None if task.cup.position is None else places.at(np.array(task.cup.position))
+        self._map.paint(study, places, current, visible="map" in self._visible)
+        return current
+
+    @property
+    def playback(self) -> Playback:
+        """What is played."""
+        return self._playback
 
     @property
     def body_position(self) -> Array:
@@ -144,6 +175,7 @@ class PlanScene:
             "cones": self._show_contacts,
             "names": lambda: self._show_names(visible),
             "frames": lambda: self._show_frames(visible),
+            "map": lambda: None if self._map is None else self._map.show(visible),
             **dict.fromkeys(SIGNS, self._show_signs),
         }
         actions.get(layer, lambda: self._show_ghost(layer, visible))()

@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 
 import anyio
 import structlog
-from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
+from anyio.streams.memory import MemoryObjectSendStream
 from pydantic import Field, TypeAdapter
 from starlette.concurrency import run_in_threadpool
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from app.errors import (
     CellNotDrawn,
@@ -31,6 +31,7 @@ from app.viewer.editor.starts import NoSuchExample, example_task, task_of_scene
 from app.viewer.page import describe_plan
 from app.viewer.scene_servers import SceneServer, SceneServers
 from app.viewer.watch import (
+    MOST_UNSENT,
     Done,
     Look,
     PageAnswer,
@@ -41,6 +42,7 @@ from app.viewer.watch import (
     or_told,
     refusal,
     scene_for,
+    send_on,
 )
 from planners.cell.cell import Cell
 from planners.contract.task_spec import write_task
@@ -48,8 +50,6 @@ from planners.errors import SceneError
 from planners.scene.shape_source import ShapeSource, Uploads
 from planners.scene.suction_tool import SuctionTool
 
-MOST_UNSENT = 64
-"""So many answers and news wait for a page that does not read [1]."""
 MOST_MOVES = 2**53
 MOST_THINGS = 1000
 Pointer = Annotated[str, Field(max_length=200)]
@@ -175,21 +175,11 @@ async def edit(socket: WebSocket, workshop: Workshop, owner: str | None) -> None
         # What is answered and what was dragged goes out in one order, by one task.
         outbox, sent = anyio.create_memory_object_stream[PageAnswer](MOST_UNSENT)
         async with outbox, anyio.create_task_group() as tasks:
-            tasks.start_soon(_send_on, sent, socket)
+            tasks.start_soon(send_on, sent, socket)
             editing = _Editing(workshop, server, outbox)
             tasks.start_soon(editing.look_for_ways)
             await answer_requests(socket, editing.answer, "editor")
             tasks.cancel_scope.cancel()
-
-
-async def _send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocket) -> None:
-    # Closed behind the last that can be sent, so that no answer waits for a page that has gone.
-    async with sent:
-        try:
-            async for answer in sent:
-                await socket.send_json(answer.document())
-        except (WebSocketDisconnect, RuntimeError):
-            log.debug("somebody left the editor")
 
 
 @dataclass(frozen=True, eq=False)

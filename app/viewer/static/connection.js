@@ -51,6 +51,11 @@ class Connection {
     this.ask({ type: "detail", light });
   }
 
+  /** Paint the map of a study onto the plate of the plan that is shown. */
+  paint(study) {
+    if (!this.queue.some(({ type }) => type === "paint")) this.ask({ type: "paint", study });
+  }
+
   ask(request) {
     // The new scene asks for what is wanted then.
     if (this.broken) return this.connect();
@@ -71,10 +76,14 @@ class Connection {
     if (answer.type === "scene") {
       this.ready = true;
       this.onscene(new URL(answer.scene, location.href).pathname);
+    } else if (answer.type === "point") {
+      // Nobody asked for it: somebody clicked on a tile in the scene.
+      this.onpoint(answer.study, answer.point);
     } else {
       this.busy = false;
       if (answer.type === "plan") this.onplan(answer.description);
       if (answer.type === "perceived") this.onperceived(answer.description);
+      if (answer.type === "painted") this.onpainted(answer);
       if (answer.type === "camera") this.oncamera(answer.camera);
       if (answer.type === "refused") this.onrefused(answer);
       if (answer.type === "fault") this.onfault(answer.detail);

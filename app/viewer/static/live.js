@@ -43,6 +43,10 @@ const list = document.getElementById("plan-list");
 let wanted = new URLSearchParams(location.search).get("plan");
 /* A watcher wants a plan or a perceived scene, never both. */
 let wantedScene = wanted ? null : new URLSearchParams(location.search).get("scene");
+/** The study from which the plan was opened: its map is painted onto the plate. */
+let study = wanted ? new URLSearchParams(location.search).get("study") : null;
+let studyEvents = null;
+let repainting = 0;
 let loaded = null;
 /** The plan that was posted here last: a filter may keep it out of the list. */
 let posted = null;
@@ -86,6 +90,7 @@ connection.onplan = (description) => {
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);
   player.open(description);
+  if (study) connection.paint(study);
   if (moment) player.visitMoment(moment);
   moment = null;
   const base = `../v1/plans/${description.id}`;
@@ -100,7 +105,14 @@ connection.onperceived = (description) => {
   say();
   perceived.open(description);
 };
-connection.onrefused = ({ plan, scene, detail }) => {
+connection.onpainted = (painted) => {
+  if (painted.study !== study) return;
+  player.panel.tellStudy(painted);
+  followStudy(painted);
+};
+connection.onpoint = (clicked, index) => clicked === study && openPoint(index);
+connection.onrefused = ({ plan, scene, study: refused, detail }) => {
+  if (refused && refused === study) player.panel.tellStudy({ study, refusal: detail });
   if (scene && scene === wantedScene) say("Nothing to show", detail);
   if (plan && plan === wanted) say(...whyNot(plans.find(({ id }) => id === plan), detail));
 };
@@ -144,8 +156,13 @@ function waitForPicture() {
 function writeMoment() {
   if (loaded === null || loaded !== wanted || player.playing || moment) return;
   const parts = [...player.moment, ...(camera ? [`camera=${camera.join()}`] : [])];
-  const address = `?plan=${wanted}${parts.length ? `#${parts.join("&")}` : ""}`;
+  const address = `?${planQuery()}${parts.length ? `#${parts.join("&")}` : ""}`;
   if (location.search + location.hash !== address) history.replaceState(null, "", address);
+}
+
+/** What the address says of what is shown: the plan, and the study that it was opened from. */
+function planQuery() {
+  return `plan=${wanted}${study ? `&study=${encodeURIComponent(study)}` : ""}`;
 }
 
 /** Ask for the camera's place whenever somebody may have moved it. */
@@ -157,6 +174,46 @@ function watchCamera() {
     asking = setTimeout(() => connection.askCamera(), CAMERA_MILLISECONDS);
   };
   for (const kind of ["pointerup", "wheel", "keyup"]) frame.contentWindow.addEventListener(kind, moved, { passive: true });
+}
+
+/** Paint anew, now and then, while points of the study become known. */
+function followStudy({ count, outcomes }) {
+  const whole = Object.values(outcomes).reduce((sum, each) => sum + each, 0) === count;
+  if (whole || studyEvents) return;
+  const followed = (studyEvents = new EventSource(`../v1/studies/${encodeURIComponent(study)}/events`));
+  const paint = () => {
+    repainting = 0;
+    if (study && loaded === wanted) connection.paint(study);
+  };
+  followed.addEventListener("point", () => (repainting ||= setTimeout(paint, POLL_MILLISECONDS)));
+  followed.addEventListener("finished", () => {
+    followed.close();
+    repainting ||= setTimeout(paint, POLL_MILLISECONDS);
+  });
+}
+
+/** Open the plan of a point of the study, made now if there is none yet. */
+async function openPoint(index) {
+  const of = study;
+  try {
+    const answer = await fetch(`../v1/studies/${encodeURIComponent(of)}/points/${index}/plan`, { method: "POST", headers: { Accept: "application/json" } });
+    const told = await answer.json();
+    if (of !== study) return;
+    if (!answer.ok) return player.panel.tellStudy({ ...player.panel.study, refusal: told.detail });
+    if (told.id === wanted) return;
+    posted = told;
+    choose(told.id);
+    refreshList();
+  } catch {
+    player.panel.tellStudy({ ...player.panel.study, refusal: "The service does not answer." });
+  }
+}
+
+/** Leave the study: what is chosen from the list is no point of it. */
+function leaveStudy() {
+  studyEvents?.close();
+  [study, studyEvents] = [null, null];
+  player.panel.tellStudy(null);
 }
 
 /** Draw lightly or fully, here and the next time. */
@@ -172,7 +229,7 @@ function setLight(on) {
 function choose(plan) {
   [wanted, wantedScene, loaded, faulty] = [plan, null, null, null];
   if (moment?.plan !== plan) moment = null;
-  if (!moment) history.replaceState(null, "", `?plan=${plan}`);
+  if (!moment) history.replaceState(null, "", `?${planQuery()}`);
   mark();
   perceived.close();
   const known = plans.find(({ id }) => id === plan);
@@ -183,6 +240,7 @@ function choose(plan) {
 
 function choosePerceived(scene) {
   [wanted, wantedScene, loaded, faulty] = [null, scene, null, null];
+  leaveStudy();
   history.replaceState(null, "", `?scene=${scene}`);
   mark();
   perceived.close();
@@ -202,6 +260,7 @@ async function post(task) {
     return say("No connection", "The task was not posted: the service does not answer.");
   }
   if (!answer.ok) return say(told.title, told.detail, ...(told.errors ?? []).map(({ pointer, detail }) => `${pointer}: ${detail}`));
+  leaveStudy();
   posted = told;
   plans = [told, ...plans.filter(({ id }) => id !== told.id)];
   choose(told.id);
@@ -378,8 +437,12 @@ function listItem(plan) {
   item.dataset.plan = plan.id;
   item.setAttribute("role", "option");
   item.setAttribute("aria-selected", String(plan.id === wanted));
-  item.onclick = () => choose(plan.id);
-  item.onkeydown = (event) => listKey(event, () => choose(plan.id));
+  const open = () => {
+    if (plan.id !== wanted) leaveStudy();
+    choose(plan.id);
+  };
+  item.onclick = open;
+  item.onkeydown = (event) => listKey(event, open);
   return item;
 }
 

@@ -11,7 +11,10 @@ const LAYERS = [
   ["goal", "Ghost of the goal", "G", false],
   ["places", "Places of the cup considered", "V", false],
   ["grasps", "Grasps considered", "H", false],
+  ["map", "Map of the study", "M", true, "Click a tile to open its plan"],
 ];
+/** Strokes on grey tiles, by outcome of their points. */
+const MAP_SIGNS = { not_found: "/ not found", infeasible: "× proven infeasible", refused: "– no such task can be", failed: "! failed" };
 /** Layers that are shown at first. */
 const FIRST_LAYERS = new Set(LAYERS.filter(([, , , first]) => first).map(([name]) => name));
 /** Layers that only plans of suction tools have. */
@@ -47,7 +50,33 @@ class Panel {
 
   /** Layers that this plan has. */
   get layerRows() {
-    return LAYERS.filter(([name]) => !SIGNS.includes(name) || this.description?.considered);
+    return LAYERS.filter(([name]) => name === "map" ? this.study?.outcomes : !SIGNS.includes(name) || this.description?.considered);
+  }
+
+  /** Tell of the map of a study that is painted onto the plate, or why it is not; null: of none. */
+  tellStudy(study) {
+    const painted = Boolean(this.study?.outcomes);
+    this.study = study;
+    if (this.current !== "View" || !this.description) return;
+    // While the study runs only its words change, so that whoever is at a switch stays there.
+    const told = document.getElementById("study-told");
+    if (told && painted && study?.outcomes) told.replaceWith(this.studyWords());
+    else this.open("View");
+  }
+
+  /** How far the study is, what its colours mean, and where all of it is told. */
+  studied() {
+    if (!this.study) return [];
+    const all = element("p", { className: "quiet" }, element("a", { href: `study?study=${encodeURIComponent(this.study.study)}`, textContent: "The whole study" }));
+    if (!this.study.outcomes) return [heading("Map of the study"), this.studyWords(), all];
+    const scale = element("div", { className: "map-scale" });
+    scale.setAttribute("aria-hidden", "true");
+    const ends = element("div", { className: "map-ends" }, element("span", {}, "0 % kept back"), element("span", {}, "20 % and more"));
+    return [heading("Map of the study"), scale, ends, this.studyWords(), all];
+  }
+
+  studyWords() {
+    return Object.assign(quiet(this.study.refusal ?? mapWords(this.study)), { id: "study-told" });
   }
 
   open(name) {
@@ -86,6 +115,7 @@ class Panel {
     return [
       ...this.remedies(description),
       ...this.leastReserve(description),
+      ...this.studied(),
       heading("Show"), this.layers(),
       heading("Forces and curves"), meanings, ...(used.size ? [heading("Timeline"), kinds] : []), Object.assign(heading("Keys"), { className: "keys-heading" }), keys,
     ];
@@ -192,6 +222,14 @@ function lightSwitch(scene) {
   const box = element("input", { type: "checkbox", id: "light", checked: scene.isLight() });
   box.onchange = () => scene.setLight(box.checked);
   return element("label", { title: "Fewer triangles, no shadows: for machines without a graphics card" }, box, "Light drawing, no shadows");
+}
+
+/** What the tiles of a map say. */
+function mapWords({ count, outcomes }) {
+  const known = Object.values(outcomes).reduce((sum, each) => sum + each, 0);
+  const solved = known < count ? `${known} of ${count} cup places are known so far, ${outcomes.solved} of them solved` : `${outcomes.solved} of ${count} cup places are solved`;
+  const grey = Object.entries(MAP_SIGNS).filter(([outcome]) => outcomes[outcome]).map(([, words]) => words).join(", ");
+  return `${solved}${grey ? `; grey: ${grey}` : ""}. Click a tile to open its plan.`;
 }
 
 /** Groups of figures, each a table under its title. */

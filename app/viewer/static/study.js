@@ -186,7 +186,7 @@ async function openPoint(index) {
   byId("refusal").textContent = "";
   try {
     const plan = await call(`${study.links.points}/${index}/plan`, "POST");
-    location.href = plan.links.view;
+    location.href = `./?plan=${plan.id}&study=${study.id}`;
   } catch (error) {
     byId("refusal").textContent = error.message;
   }

@@ -1,0 +1,103 @@
+"""The map of a study on the plate, in a real browser: a click on a tile opens the plan of its point."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, ViewportSize, expect
+from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from support.plan_shelf import PlanShelf
+from support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
+from support.service import FAKE_EXAMINER, ServiceProcess, finished, running_service, task
+
+from app.viewer.drawing.camera import FIELD_OF_VIEW
+from planners.geometry.pose import Array, from_pose7
+
+pytestmark = [needs_browser, pytest.mark.slow]
+WINDOW: ViewportSize = {"width": 960, "height": 640}
+TASK = task("pb1.json", options={"simulate": False})
+AXES = [
+    {"pointer": "/cup/position/0", "values": [-0.045, 0.045]},
+    {"pointer": "/cup/position/1", "values": [-0.08, 0.0]},
+]
+SHOWN, CLICKED = 3, 2
+"""Points of the study: the cup of pb1 itself, and one that the fake examiner did not find."""
+
+
+@pytest.fixture(scope="module")
+def service(shelf: PlanShelf, data_dir: Path) -> Iterator[ServiceProcess]:
+    with running_service(data_dir, shelf.solver, study_command=json.dumps(FAKE_EXAMINER)) as service:
+        yield service
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with running_browser(draws=True) as browser:
+        yield browser
+
+
+@pytest.fixture
+def page(browser: Browser, service: ServiceProcess) -> Iterator[Page]:
+    """A page on which nothing may go wrong."""
+    page = browser.new_page(base_url=service.address, viewport=WINDOW, device_scale_factor=0.5)
+    page.set_default_timeout(LOADING_MILLISECONDS)
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+    yield page
+    page.close()
+    assert wrong == []
+
+
+def on_screen(page: Page, place: Array) -> tuple[float, float]:
+    """Return where in the window a place in the world (3,) [m] is seen: by a pinhole camera that stands upright."""
+    eye, target = np.reshape(page.evaluate("camera"), (-1, 3))[:2]
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    across, up, depth = np.array([right, np.cross(right, ahead), ahead]) @ (place - eye)
+    frame: Any = page.locator("#scene-frame").bounding_box()
+    pixels = 0.5 * frame["height"] / np.tan(0.5 * FIELD_OF_VIEW) / depth
+    return (
+        frame["x"] + 0.5 * frame["width"] + pixels * across,
+        frame["y"] + 0.5 * frame["height"] - pixels * up,
+    )
+
+
+def cup_in_world(plan: dict[str, Any]) -> Array:
+    plate = plan["plate"]["shape"]["size"]
+    return (from_pose7(plan["plate_pose"]) @ [*plan["cup"]["position"], 0.5 * plate[2], 1.0])[:3]
+
+
+def test_a_click_on_a_tile_opens_the_plan_of_its_point(page: Page, service: ServiceProcess) -> None:
+    with service.client() as client:
+        study = client.post("/v1/studies", json={"task": TASK, "axes": AXES}).json()
+        finished(client, study)
+        shown = finished(client, client.post(f"{study['links']['points']}/{SHOWN}/plan").json())
+    page.goto(f"/viewer/?plan={shown['id']}&study={study['id']}")
+    expect(page.locator("#study-told")).to_contain_text("3 of 4 cup places are solved")
+    page.evaluate("connection.look('top')")
+    page.wait_for_function("camera")
+    painted = settled(page)
+
+    # The switch of the layer hides the tiles and shows them again.
+    page.keyboard.press("m")
+    wait_until_it_differs(page, painted)
+    page.keyboard.press("m")
+    wait_until_it_is_as_before(page, painted)
+
+    cup = {**TASK["cup"], "position": [AXES[0]["values"][1], AXES[1]["values"][0]]}
+    page.mouse.click(*on_screen(page, cup_in_world({**TASK, "cup": cup})))
+    page.wait_for_url(re.compile(rf"plan=(?!{shown['id']})\w+&study={study['id']}"))
+    with service.client() as client:
+        plan = re.search(r"plan=(\w+)", page.url)
+        assert plan is not None
+        page.wait_for_function(f"player.description?.id === '{plan[1]}'")
+        assert client.get(f"/v1/plans/{plan[1]}/document").json()["task"]["cup"]["position"] == cup["position"]
+    expect(page.locator("#study-told")).to_contain_text("3 of 4 cup places are solved")
