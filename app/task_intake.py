@@ -14,7 +14,7 @@ from planners.contract.scene_document import SceneDocument
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task
 from planners.errors import SceneError
 from planners.perception.scene_task import fill_from_scene
-from planners.scene.scene import build_scene, with_centres
+from planners.scene.scene import build_scene, cell_of, with_centres
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
 
@@ -96,9 +96,8 @@ def accept_task(
         pydantic.ValidationError, SceneError: What is wrong with it.
     """
     task = read_task(with_parts(sent, cells, scenes))
-    if task.cell not in cells:
-        # Also of a task that is known: the cell may have been deleted since.
-        raise SceneError("/cell", f"there is no cell {task.cell}", list(cells))
+    # Also of a task that is known: the cell may have been deleted since.
+    cell_of(task, cells)
 
     def complete(unnamed: AcceptedTask) -> AcceptedTask:
         return with_centres(unnamed, build_scene(unnamed, cells, uploads=uploads, tools=tools))

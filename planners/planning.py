@@ -41,9 +41,13 @@ from planners.remedies.find_remedies import (
     MOST_REMEDIES,
     MOST_SIMULATED,
     MOST_STEPS,
+    STEPS_OF_A_CERTIFICATE,
+    STEPS_OF_A_PLAN,
+    STEPS_OF_A_SCENE,
     STEPS_OF_PAIRS,
     STEPS_OF_SIMULATION,
     STEPS_WITH_PHYSICS,
+    PlanMemory,
     find_remedies,
     why_none,
     with_cup_at,
@@ -334,18 +338,19 @@ class TaskSolver:
         return found.model_copy(update={"explanation": explanation, "statistics": statistics})
 
 
+class _TakesTooLong(Exception):
+    """Planning a changed task takes more than may be tried."""
+
+
 class _RemedySearch:
     """The search for changes of a task that has no plan, or one that fails in physics."""
 
     def __init__(self, solver: TaskSolver, failed: Plan, uploads: Uploads, on_progress: Progress) -> None:
         self._solver, self._failed, self._task = solver, failed, failed.task
         self._fails_in_physics = failure_of(failed.simulation) is not None
-        # An object takes about a step: of a long pile fewer changes are tried, or the answer would take minutes.
-        self._cost = 6 if isinstance(failed.task, PlateLiftTask) else max(4, len(failed.task.objects))
-        steps = MOST_STEPS
-        if self._fails_in_physics:
-            self._cost, steps = self._cost + STEPS_OF_SIMULATION, STEPS_WITH_PHYSICS
-        self._effort, self._on_progress = Effort(steps, plan=self._cost), on_progress
+        self._effort = Effort(STEPS_WITH_PHYSICS if self._fails_in_physics else MOST_STEPS)
+        self._on_progress = on_progress
+        self._attempt = PlanMemory(self._planned, self._effort)
         self._build = partial(build_scene, cells=solver.cells, uploads=uploads, tools=solver.tools)
         # Whether a change leaves a way is asked before it is planned: both need the same reach. Of what does not help
         # nobody asks why.
@@ -355,68 +360,89 @@ class _RemedySearch:
 
     def found(self) -> tuple[list[Remedy], set[str]]:
         """Return what helps, and the kinds of changes that were tried."""
-        more = Effort(STEPS_OF_PAIRS, plan=self._cost)
-        changes, pairs = self._changes(more)
+        changes, pairs = self._changes()
         if self._fails_in_physics:
-            changes = [more_kept_back(self._task), *changes]
-            return self._search(changes, self._effort, MOST_SIMULATED), self._effort.tried
-        remedies, tried = self._search(changes, self._effort), self._effort.tried
+            return self._search([more_kept_back(self._task), *changes], MOST_SIMULATED), self._effort.tried
+        remedies = self._search(changes)
         if not remedies:
-            self._effort = more
-            remedies, tried = self._search(pairs(), more), tried | more.tried
-        return remedies, tried
+            self._effort.steps += STEPS_OF_PAIRS
+            remedies = self._search(pairs())
+        return remedies, self._effort.tried
 
     def _changes(
-        self, more: Effort
-    ) -> tuple[Sequence[Iterator[TaskChange | None]], Callable[[], Iterable[Iterator[TaskChange]]]]:
-        """Return the changes of every kind, and what gives pairs of them, for which asking may take `more`."""
+        self,
+    ) -> tuple[Sequence[Iterator[TaskChange | None]], Callable[[], Iterable[Iterator[TaskChange | None]]]]:
+        """Return the changes of every kind, and what gives pairs of them."""
         task, failed = self._task, self._failed
         if isinstance(task, PlateLiftTask):
             settings, is_open = lift_settings(task.options), failed.explanation.cup_place is not None
             lift = LiftChanges(
-                task, self._build, settings, self._effort, self._quiet, self._memory, place_is_open=is_open
+                task,
+                self._build,
+                settings,
+                self._effort,
+                self._quiet,
+                self._memory,
+                place_is_open=is_open,
             )
             # What physics does not carry out keeps less back than is asked for, most often.
-            return lift.by_kind(whole_reserve=self._fails_in_physics), partial(lift.in_pairs, more)
+            chief = next((cause.reason for cause in failed.explanation.causes), "")
+            return lift.by_kind(chief, whole_reserve=self._fails_in_physics), lift.in_pairs
         tool = ToolChanges(task, self._build, failed, self._solves)
         return tool.by_kind(), tool.in_pairs
 
-    def _search(
-        self, changes: Iterable[Iterator[TaskChange | None]], effort: Effort, most: int = MOST_REMEDIES
-    ) -> list[Remedy]:
-        return find_remedies(changes, self._attempt, self._task, effort, self._on_progress, most)
+    def _search(self, changes: Iterable[Iterator[TaskChange | None]], most: int = MOST_REMEDIES) -> list[Remedy]:
+        return find_remedies(changes, self._attempt, self._task, self._effort, self._on_progress, most)
 
     def _solves(self, change: TaskChange) -> bool:
         """Tell whether a change leads to a plan, if that may still be tried."""
         changed = change.applied(self._task)
-        if changed is None or not self._effort.take("plan"):
+        if changed is None or self._effort.ended:
             return False
+        self._effort.trying = change.kind
         self._effort.tried.add(change.kind)
         return self._attempt(changed) is not None
 
-    def _attempt(self, changed: PlateLiftTask | SuctionToolTask) -> Plan | None:
+    def _planned(self, changed: PlateLiftTask | SuctionToolTask) -> Plan | None:
         """Plan a changed task, certify the plan, and simulate it if the task's own failed there; None: no help."""
-        solver = self._solver
+        solver, effort = self._solver, self._effort
         try:
             scene = self._build(changed)
         except SceneError:
             return None
-        plan = solver.plan(
-            changed, scene, self._quiet, solver.clock, self._handovers_of, self._plan_lift, persistent=False
-        )
+        effort.take(STEPS_OF_A_SCENE)
+        most = min(effort.steps, effort.spent + STEPS_OF_A_PLAN)
+
+        def counted(report: Report, /) -> None:
+            self._quiet(report)
+            if effort.spent >= most:
+                raise _TakesTooLong
+
+        try:
+            plan = solver.plan(
+                changed, scene, counted, solver.clock, self._handovers_of, self._plan_lift, persistent=False
+            )
+        except _TakesTooLong:
+            return None
         if plan.outcome != "solved":
             return None
+        effort.take(STEPS_OF_A_CERTIFICATE * len(getattr(changed, "objects", ("plate",))))
         certificate = solver.certificate_of(plan)
         if certificate is None or not certificate.passed:
             return None
         plan = plan.model_copy(update={"certificate": certificate})
         if self._fails_in_physics:
-            plan = solver.simulated(plan, scene, self._task.seed, self._quiet)
+            effort.take(STEPS_OF_SIMULATION)
+            plan = solver.simulated(plan, scene, self._task.seed, self._without_counting)
         return plan if failure_of(plan.simulation) is None else None
 
-    def _quiet(self, _: Report, /) -> None:
-        """Ask whether to stop, and leave it to the search for remedies to tell how far it is."""
-        self._on_progress(Report("remedies", self._effort.spent, self._effort.steps))
+    def _quiet(self, report: Report, /) -> None:
+        """Count what is done, and ask whether to stop; the search for remedies tells how far it is."""
+        self._effort.worked(report)
+        self._without_counting(report)
+
+    def _without_counting(self, _: Report, /) -> None:
+        self._on_progress(self._effort.report())
 
     def _handovers_of(
         self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress

@@ -14,7 +14,8 @@ class Report(NamedTuple):
     total: int
     """Parts of the stage that are finished, and that there are; `total` 0 means the number is not known [1]."""
     object: str | None = None
-    """Of which object of the task, where a stage is that of a single one."""
+    """Of which object of the task, where a stage is that of a single one; of "remedies": the kind of change that is
+    tried."""
 
     @property
     def name(self) -> str:

@@ -14,6 +14,7 @@ from typing import Self, TextIO
 
 from planners.contract.problems import Problem
 from planners.errors import LiftwrightError
+from planners.remedies.kinds import KINDS
 
 BAD_INPUT = 3
 """Exit code."""
@@ -99,6 +100,7 @@ def stage_words(name: str) -> str:
     if name in STAGES:
         return STAGES[name]
     stage, _, about = name.rpartition(" ")
+    about = KINDS.get(about, about) if stage == "remedies" else about
     return f"{STAGES[stage]} ({about})" if stage in STAGES else name
 
 

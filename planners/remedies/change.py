@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from pydantic import JsonValue, ValidationError
@@ -15,35 +15,11 @@ from planners.contract.task_change import PatchOperation, changed
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7, pose_row
-from planners.remedies.directions import told_move
+from planners.progress import Report
+from planners.remedies.directions import heading, told_move
 from planners.scene.standing import listed
 
 AnyTask = PlateLiftTask | SuctionToolTask
-KINDS = MappingProxyType(
-    {
-        "reserve": "more of every limit kept back",
-        "cup_place": "another place of the cup",
-        "cup_force": "a stronger cup",
-        "cup_radius": "a cup of another size",
-        "hand_limits": "more force of the hands",
-        "lifter_model": "another kind of lifter",
-        "tolerances": "mass and centre of mass known better",
-        "plate_yaw": "the plate turned",
-        "plate_place": "the plate elsewhere",
-        "support": "a board under the plate",
-        "holds": "holds that are not given",
-        "obstacle": "obstacles moved or taken away",
-        "object_place": "objects elsewhere",
-        "object_yaw": "objects turned",
-        "goal_place": "goals elsewhere",
-        "goal_yaw": "goals turned",
-        "object_aside": "an object put aside",
-        "tool": "another tool",
-        "mass": "lighter objects",
-        "two_changes": "two of these at once",
-    }
-)
-"""Words for what is changed, by the kind of a change."""
 TaskOfKind = TypeVar("TaskOfKind", bound=AnyTask)
 SceneOfKind = TypeVar("SceneOfKind")
 
@@ -70,6 +46,11 @@ class TaskChange:
     sentence: str
     """What to do, for a person."""
     patch: tuple[PatchOperation, ...]
+    way: str = ""
+    """What is changed which way: of two changes of one kind and one way the larger does all that the smaller does.
+    Empty: it is the only one of its way."""
+    size: float = 0.0
+    """How large it is beside others of its kind, in the unit of that kind."""
 
     def then(self, other: TaskChange) -> TaskChange:
         """Return this change and another one after it, as one."""
@@ -149,7 +130,8 @@ def obstacle_moved(index: int, obstacle: Obstacle, way: Array) -> TaskChange:
     """Return the change that moves the obstacle of a number by a way (2,) in the world [m]."""
     moved = obstacle.model_dump(mode="json") | {"pose": moved_pose(obstacle.pose, way)}
     sentence = f"Move {obstacle.name} {told_move(way, obstacle.pose)}."
-    return TaskChange("obstacle", sentence, (replaced(f"/obstacles/{index}", moved),))
+    steps = (replaced(f"/obstacles/{index}", moved),)
+    return TaskChange("obstacle", sentence, steps, f"{obstacle.name} {heading(way)}", float(np.linalg.norm(way)))
 
 
 def obstacle_out_of_the_way(
@@ -170,7 +152,7 @@ def obstacle_out_of_the_way(
         operation, left = found
         raised, lowered = f"Raise {obstacle.name} by {1e3 * step:.0f} mm.", f"Make {obstacle.name} {1e3 * step:.0f} mm"
         sentence = raised if left is None else f"{lowered} lower, {1e3 * left:.0f} mm high."
-        yield TaskChange("obstacle", sentence, (operation,))
+        yield TaskChange("obstacle", sentence, (operation,), f"height of {obstacle.name}", step)
 
 
 def obstacles_out_of_the_way(
@@ -193,7 +175,9 @@ def obstacles_out_of_the_way(
         told = [f"Make {listed(lower)} {1e3 * step:.0f} mm lower."] if lower else []
         told += [f"Raise {listed(raised)} by {1e3 * step:.0f} mm."] if raised else []
         if steps:
-            yield TaskChange("obstacle", " ".join(told), tuple(steps))
+            # A larger step may be none for a low one.
+            names = listed([*lower, *raised])
+            yield TaskChange("obstacle", " ".join(told), tuple(steps), f"heights of {names}", step)
 
 
 def _at_other_height(
@@ -231,26 +215,51 @@ def turning(angle: float) -> str:
     return f"{np.degrees(abs(angle)):.0f}° {'counterclockwise' if angle > 0.0 else 'clockwise'}, seen from above"
 
 
+WORK = MappingProxyType(
+    {
+        "suction": 5,
+        "regrasp graph": 1,
+        "first motion": 7,
+        "second motion": 10,
+        "forces": 2,
+        "merge": 4,
+        "search": 3,
+        "motion": 20,
+        "cup places": 10,
+    }
+)
+"""About what is done from one report of a stage to the next, in steps. Handovers, which may be kept from earlier, and
+what is not listed count nothing."""
+
+
 class Effort:
-    """How much may still be tried, counted in steps and never in seconds: the same on every machine."""
+    """How much may still be tried, counted in steps and never in seconds: the same on every machine.
 
-    def __init__(self, steps: int, *, forces: int = 1, reach: int = 3, plan: int = 6) -> None:
-        """Take how many steps there are, and how many it takes to ask something.
+    A step is about a hundredth of a second on a common core. What planners report is counted as they report it, so that
+    what ends at once costs next to nothing, and what takes long costs as much as it takes.
+    """
 
-        Args:
-            steps: in all.
-            forces: to ask whether other forces leave a way in a graph that is known.
-            reach: to ask whether another place leaves one.
-            plan: to plan.
-        """
+    def __init__(self, steps: int) -> None:
+        """Take how many steps there are."""
         self.steps, self.spent = steps, 0
         self.tried: set[str] = set()
         """Kinds of the changes that were planned, or of which it was asked whether they leave a way."""
-        self._needed = {"forces": forces, "reach": reach, "plan": plan}
+        self.trying: str | None = None
+        """The kind of the change that is tried now."""
 
-    def take(self, what: Literal["forces", "reach", "plan"]) -> bool:
-        """Take the steps that something needs; False where they are not left."""
-        enough = self.spent + self._needed[what] <= self.steps
-        if enough:
-            self.spent += self._needed[what]
-        return enough
+    @property
+    def ended(self) -> bool:
+        """Whether no step is left: nothing new is begun."""
+        return self.spent >= self.steps
+
+    def take(self, steps: int) -> None:
+        """Count what was done."""
+        self.spent += steps
+
+    def worked(self, report: Report) -> None:
+        """Count what a planner begins, as it reports it."""
+        self.take(WORK.get(report.stage, 0))
+
+    def report(self) -> Report:
+        """Say how far it is, and what kind of change is tried."""
+        return Report("remedies", min(self.spent, self.steps), self.steps, self.trying)

@@ -11,6 +11,8 @@ from planners.geometry.pose import Array
 
 _BEST_REACH = 0.7
 """How far in front of the shoulders the place is that both arms reach best, as a share of an arm's reach [1]."""
+_HEADING = 15.0
+"""Ways whose headings are nearest to the same multiple lead the same way [deg]."""
 _NOWHERE = 1e-6
 """A way that is shorter leads nowhere [m]."""
 
@@ -24,6 +26,11 @@ def straight_ways() -> tuple[Array, Array, Array, Array]:
 def straightest(off: Array) -> Array:
     """Return the one of the straight ways (2,) that leads most the way `off` (2,) does [m]; of equals, away."""
     return max(reversed(straight_ways()), key=lambda way: float(way @ off))
+
+
+def heading(way: Array) -> str:
+    """Return which of 24 headings a way (2,) in the world has, counterclockwise from away from the robot."""
+    return f"{round(np.degrees(np.arctan2(way[1], way[0])) / _HEADING) % round(360 / _HEADING)} of {360 / _HEADING:.0f}"
 
 
 def told_way(way: Array) -> str:

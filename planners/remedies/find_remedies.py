@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
 
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.verdicts import PlanningOutcome, Remedy
-from planners.progress import Progress, Report
-from planners.remedies.change import KINDS, AnyTask, Effort, TaskChange, put, told_cup_place
+from planners.progress import Progress
+from planners.remedies.change import AnyTask, Effort, TaskChange, put, told_cup_place
+from planners.remedies.kinds import KINDS
 
-MOST_STEPS = 100
-"""Of all that is tried for one task: some 20 s on a common core."""
-STEPS_WITH_PHYSICS = 120
+MOST_STEPS = 2400
+"""Of all that is tried for one task: some 24 s on a common core."""
+STEPS_OF_PAIRS = 600
+"""Of what is tried besides, and of what is left of those, two changes at once, where no single one helps."""
+STEPS_WITH_PHYSICS = 6000
 """Of what is tried for a plan that failed in physics: about a minute."""
-STEPS_OF_SIMULATION = 8
+STEPS_OF_SIMULATION = 400
 """What it takes to simulate a plan."""
-STEPS_OF_PAIRS = 36
-"""Of what is tried besides, two changes at once, where no single one helps."""
+STEPS_OF_A_PLAN = 1200
+"""Of planning one changed task: what takes longer is given up."""
+STEPS_OF_A_SCENE = 2
+"""What it takes to build a changed task's scene, and to see that it cannot have a plan ..."""
+STEPS_OF_A_CERTIFICATE = 40
+"""... and to certify its plan, for each body that it moves."""
 MOST_REMEDIES = 5
 """In all, ..."""
 MOST_SIMULATED = 2
@@ -25,7 +33,30 @@ MOST_SIMULATED = 2
 MOST_OF_A_KIND = 3
 """... and of one kind."""
 MOST_TRIES = 4
-"""Changes of one kind that are planned."""
+"""Changes of one kind that are planned, ..."""
+MOST_IN_VAIN = 2
+"""... and of those that are planned in vain where another kind helps."""
+BETTER = 1.25
+"""A larger change is told beside a smaller one of its way where so many times the reserve is kept back, or the largest
+force is so many times less [1]."""
+
+
+class PlanMemory:
+    """Plans changed tasks, each once: what a search asks to find its way is told later at no cost."""
+
+    def __init__(self, plan: Callable[[AnyTask], Plan | None], effort: Effort) -> None:
+        """Take what plans a task and certifies the plan, and what may be tried."""
+        self._plan, self._effort = plan, effort
+        self._known: dict[str, Plan | None] = {}
+
+    def __call__(self, changed: AnyTask) -> Plan | None:
+        """Return the plan of a task; None where there is none that passes, or it is not known and no step is left."""
+        key = changed.model_dump_json()
+        if key not in self._known:
+            if self._effort.ended:
+                return None
+            self._known[key] = self._plan(changed)
+        return self._known[key]
 
 
 def find_remedies(
@@ -39,26 +70,58 @@ def find_remedies(
     """Plan changed tasks, one of each kind in turn, until enough was found or so much was tried.
 
     Args:
-        changes: of each kind, the smallest first; None: other kinds have their turn.
+        changes: of each kind, the smallest first; None: some were asked in vain, and other kinds have their turn.
         attempt: plans a task and certifies the plan, and simulates it if it is to be; None where there is none that
-            passes.
+            passes. Counts what it does.
         task: that has no plan, or one that fails in physics.
         effort: what may be tried.
         progress: told of it; may raise `PlanningCancelled`.
         most: so many are enough.
 
     Returns:
-        What helps, the kinds in their order, and of each kind the smallest change first.
+        What helps, the kinds in their order, and of each kind the smallest change first, as `worth_telling` leaves it.
     """
     searches = [_OfKind(each) for each in changes]
     while open_kinds := [each for each in searches if not each.ended]:
         for each in open_kinds:
-            progress(Report("remedies", effort.spent, effort.steps))
-            each.try_next(attempt, task, effort)
-            found = [remedy for each in searches for remedy in each.found]
-            if len(found) == most:
-                return found
-    return [remedy for each in searches for remedy in each.found]
+            others_help = any(other.found for other in searches if other is not each)
+            each.try_next(attempt, task, effort, progress, others_help=others_help)
+            told = worth_telling(search.found for search in searches)
+            if len(told) >= most:
+                return told[:most]
+    return worth_telling(search.found for search in searches)
+
+
+def worth_telling(kinds: Iterable[Sequence[tuple[TaskChange, Remedy]]]) -> list[Remedy]:
+    """Return the remedies of each kind, the smallest first, without those that add nothing to another.
+
+    Of the same way a larger change is told only if its plan is clearly better (`BETTER`); and none that does what
+    another one does, and more.
+    """
+    told = list(chain.from_iterable(_clearly_better(found) for found in kinds))
+    return [each for each in told if not any(_contains(each, other) for other in told)]
+
+
+def _clearly_better(found: Iterable[tuple[TaskChange, Remedy]]) -> Iterator[Remedy]:
+    """Yield the smallest of each way, and of the larger ones those whose plan is better than all that came before."""
+    smaller: dict[str, list[Remedy]] = {}
+    for change, remedy in sorted(found, key=lambda each: each[0].size):
+        told = smaller.setdefault(change.way, []) if change.way else []
+        if all(_is_better(remedy, other) for other in told):
+            told.append(remedy)
+            yield remedy
+
+
+def _is_better(one: Remedy, other: Remedy) -> bool:
+    """Whether a reader would choose the larger change `one` for what its plan keeps back, or for its forces."""
+    keeps_more = one.reserve is not None and other.reserve is not None and one.reserve >= BETTER * other.reserve
+    forces = one.largest_force, other.largest_force
+    bears_less = forces[0] is not None and forces[1] is not None and BETTER * forces[0] <= forces[1]
+    return keeps_more or bears_less
+
+
+def _contains(one: Remedy, other: Remedy) -> bool:
+    return len(one.patch) > len(other.patch) and all(step in one.patch for step in other.patch)
 
 
 def why_none(tried: Iterable[str]) -> str:
@@ -84,29 +147,50 @@ class _OfKind:
     """The search for remedies of one kind."""
 
     def __init__(self, changes: Iterator[TaskChange | None]) -> None:
-        self._changes, self._tries = changes, 0
-        self.found: list[Remedy] = []
+        self._changes, self._tries, self._in_vain = changes, 0, 0
+        self._closed: set[str] = set()
+        """Ways of which a larger change added nothing."""
+        self.found: list[tuple[TaskChange, Remedy]] = []
         self.ended = False
 
-    def try_next(self, attempt: Callable[[AnyTask], Plan | None], task: AnyTask, effort: Effort) -> None:
+    def try_next(
+        self,
+        attempt: Callable[[AnyTask], Plan | None],
+        task: AnyTask,
+        effort: Effort,
+        progress: Progress,
+        *,
+        others_help: bool,
+    ) -> None:
         """Plan the next change of the kind, if there is one and steps are left."""
         try:
-            change = next(self._changes)
+            change = next(each for each in self._changes if each is None or each.way not in self._closed)
         except StopIteration:
             self.ended = True
             return
         if change is None:
+            # What was asked in vain is not asked on where something else helps.
+            self.ended = others_help or effort.ended
             return
-        changed = change.applied(task)
-        if changed is None or not effort.take("plan"):
+        changed, last = change.applied(task), effort.ended
+        if changed is None:
             self.ended = True
             return
-        self._tries += 1
-        effort.tried.add(change.kind)
+        effort.trying = change.kind
+        progress(effort.report())
         plan = attempt(changed)
         if plan is not None:
-            self.found.append(_remedy(change, plan))
-        self.ended = len(self.found) >= MOST_OF_A_KIND or self._tries >= MOST_TRIES
+            remedy = _remedy(change, plan)
+            self.found.append((change, remedy))
+            if remedy not in worth_telling([self.found]):
+                self._closed.add(change.way)
+        if plan is not None or not last:
+            effort.tried.add(change.kind)
+        self._tries += 1
+        self._in_vain += plan is None
+        enough = len(worth_telling([self.found])) >= MOST_OF_A_KIND or self._tries >= MOST_TRIES
+        # Where no step is left, only what is known is told.
+        self.ended = last or enough or (others_help and self._in_vain >= MOST_IN_VAIN)
 
 
 def _remedy(change: TaskChange, plan: Plan) -> Remedy:

@@ -41,7 +41,15 @@ from planners.remedies.change import (
     told_cup_place,
     turning,
 )
-from planners.remedies.directions import least_reach, straight_ways, straightest, told_move, told_way, way_to_best
+from planners.remedies.directions import (
+    heading,
+    least_reach,
+    straight_ways,
+    straightest,
+    told_move,
+    told_way,
+    way_to_best,
+)
 from planners.remedies.relaxed_balance import relaxed
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -71,6 +79,12 @@ _OUT_OF_REACH_WAYS = tuple(0.1 * step for step in range(1, 10))
 """... but straight on where it is proven to be out of reach [m] ..."""
 _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
 """... and obstacles [m]."""
+_WANT_OF_REACH = ("reach so far", "be brought there", "would touch")
+"""Words of causes for which another place of the plate may help, and other forces hardly."""
+_STEPS_OF_ASKING = 1
+"""What it takes to ask anything, besides what is reported then: see `Effort` ..."""
+_STEPS_OF_REACH = 60
+"""... and what the hands reach at another place, which is not reported as it is found."""
 _IN_VAIN = 4
 """Other places of one kind that are asked in vain before other kinds have their turn [1]."""
 _SQUEEZES = (1.5, 2.0, 4.0)
@@ -112,7 +126,7 @@ class LiftChanges:
             build: makes scenes of tasks.
             settings: with which it was planned.
             effort: what asking may take.
-            progress: may raise `PlanningCancelled`.
+            progress: may raise `PlanningCancelled`; counts what is reported to it.
             memory: of the reach in changed lifts, for whoever plans them.
             place_is_open: whether the task, as it was posted, left the cup's place to the planner.
         """
@@ -127,10 +141,11 @@ class LiftChanges:
         self._rotation = self.scene.T_world_plate[:2, :2]
         """Takes directions on the plate to the world."""
 
-    def by_kind(self, *, whole_reserve: bool = False) -> list[Iterator[TaskChange | None]]:
+    def by_kind(self, chief: str = "", *, whole_reserve: bool = False) -> list[Iterator[TaskChange | None]]:
         """Return the changes of every kind, each in order of size; kinds that concern what is short come first.
 
         Args:
+            chief: the first reason that the failed plan names; empty: it names none.
             whole_reserve: whether a way has to keep back all that is asked for before a changed task is planned, not
                 only a share of it.
         """
@@ -147,6 +162,12 @@ class LiftChanges:
             return []
         if self._is_too_thin:
             return [self._board(), self._to_the_edge(), self._given_holds()]
+        return self._where_it_ends(chief, forces)
+
+    def _where_it_ends(
+        self, chief: str, forces: list[Iterator[TaskChange | None]]
+    ) -> list[Iterator[TaskChange | None]]:
+        """Return the changes of a lift that may be within reach and force, by where its graph ends."""
         cup, places, far_off = self._cup_place(), [self._plate_turned(), self._plate_place()], self._is_far_off
         if far_off:
             places.reverse()
@@ -159,16 +180,17 @@ class LiftChanges:
             # No hand comes to the plate at rest, whatever it bears.
             return [self._board(), *places, self._given_holds()]
         rest = [self._tolerances(), self._board(), self._given_holds()]
-        # What is far off has to come nearer, most likely.
-        return [places[0], cup, *forces, places[1], *rest] if far_off else [cup, *forces, *places, *rest]
+        if far_off:
+            # It has to come nearer, most likely.
+            return [places[0], cup, *forces, places[1], *rest]
+        if any(words in chief for words in _WANT_OF_REACH):
+            return [*places, cup, *forces, *rest]
+        cup_force, hands, lifter = forces
+        # Where no hold bears the plate, what the task itself forbids the hands is asked at once.
+        return [hands, cup, cup_force, lifter, *places, *rest] if chief else [cup, *forces, *places, *rest]
 
-    def in_pairs(self, effort: Effort) -> list[Iterator[TaskChange]]:
-        """Return two changes at once, for where no single one helps: other places with other forces.
-
-        Args:
-            effort: what asking may take from now on.
-        """
-        self._effort = effort
+    def in_pairs(self) -> list[Iterator[TaskChange | None]]:
+        """Return two changes at once, for where no single one helps: other places with other forces."""
         if not self._planner.capacity().suffices:
             return [] if self._place_is_open else [self._with_forces(self._best_cup_places())]
         if self._planner.proof() is not None or self._is_too_thin:
@@ -183,14 +205,14 @@ class LiftChanges:
 
     def _first_plate_places(self) -> Iterator[TaskChange]:
         for angle in (math.radians(90), math.radians(-90), math.radians(45), math.radians(-45)):
-            yield TaskChange("plate_yaw", f"Turn the plate by {turning(angle)}.", self._plate_moved(np.zeros(2), angle))
+            yield self._turned(angle)
         if self.task.support is None:
             yield self._on_board(_BOARDS[0])
 
     def _best_cup_places(self) -> Iterator[TaskChange]:
         """Places where the strongest cup that is asked for keeps most back: a heavy plate seldom allows many."""
         strongest = self._stronger(self._most_force_steps).applied(self.task)
-        if strongest is None or not self._effort.take("plan"):
+        if strongest is None or self._effort.ended:
             return
         cup = strongest.cup.model_copy(update={"position": None})
         anywhere = strongest.model_copy(update={"cup": cup})
@@ -204,8 +226,9 @@ class LiftChanges:
         """Follow each change by the least force of the cup with which it leaves a way."""
         for first in firsts:
             changed = first.applied(self.task)
-            if changed is None or first.built(self.task, self._build) is None or not self._effort.take("reach"):
+            if changed is None or self._effort.ended or first.built(self.task, self._build) is None:
                 continue
+            self._effort.take(_STEPS_OF_REACH)
             other = LiftChanges(changed, self._build, self._asked, self._effort, self._progress, self._memory)
             yield from (first.then(second) for second in itertools.islice(other._cup_force(), 1))
 
@@ -223,13 +246,18 @@ class LiftChanges:
                 left to whoever plans the changed task.
             kept: what the way has to keep back [1]; None: a share of the reserve that the task asks for.
         """
-        scene = change.built(self.task, self._build)
-        if scene is None or not self._effort.take("forces" if forces else "reach"):
+        scene = None if self._effort.ended else change.built(self.task, self._build)
+        if scene is None:
             return False
+        self._effort.trying = change.kind
         self._effort.tried.add(change.kind)
         planner = self._planner.with_limits(scene) if forces else self._planner_of(scene)
-        reserve = self._kept if kept is None else kept
-        return planner.proof() is None and planner.fits and planner.may_keep(reserve, low=True)
+        self._effort.take(_STEPS_OF_ASKING)
+        if planner.proof() is not None or not planner.fits:
+            return False
+        if not forces:
+            self._effort.take(_STEPS_OF_REACH)
+        return planner.may_keep(self._kept if kept is None else kept, low=True)
 
     def _of(self, changes: Iterable[TaskChange], *, forces: bool) -> Iterator[TaskChange | None]:
         """Yield those that leave a way; None whenever some were asked in vain, so that other kinds have their turn."""
@@ -250,7 +278,10 @@ class LiftChanges:
     @cached_property
     def _is_held(self) -> bool:
         """Whether the task as it is has a way of held poses already."""
-        return self._planner.fits and self._effort.take("forces") and self._planner.may_keep(self._kept, low=True)
+        if self._effort.ended or not self._planner.fits:
+            return False
+        self._effort.take(_STEPS_OF_ASKING)
+        return self._planner.may_keep(self._kept, low=True)
 
     @cached_property
     def _cut(self) -> list[ConeProgram]:
@@ -304,7 +335,7 @@ class LiftChanges:
         stated = self.task.cup.max_force
         force = round((math.floor(stated / _FORCE_STEP) + steps) * _FORCE_STEP, 3)
         sentence = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
-        return TaskChange("cup_force", sentence, (put("/cup/max_force", force),))
+        return TaskChange("cup_force", sentence, (put("/cup/max_force", force),), "stronger", force)
 
     def _cup_place(self) -> Iterator[TaskChange | None]:
         yield from self._of(self._cup_places(), forces=True)
@@ -331,11 +362,13 @@ class LiftChanges:
 
     def _cup_at(self, place: tuple[float, float]) -> TaskChange:
         """Put the cup at a place in plate axes [m]; a way from the stated one is told where the task stated one."""
-        way = told_way(self._rotation @ (np.array(place) - np.array(self.task.cup.place)))
+        shift = self._rotation @ (np.array(place) - np.array(self.task.cup.place))
+        way = told_way(shift)
         at = told_cup_place(place)
         moves = way and not self._place_is_open
         sentence = f"Move the cup {way}, to {at}." if moves else f"Put the cup at {at}."
-        return TaskChange("cup_place", sentence, (put("/cup/position", numbers(np.array(place))),))
+        steps = (put("/cup/position", numbers(np.array(place))),)
+        return TaskChange("cup_place", sentence, steps, heading(shift), float(np.linalg.norm(shift)))
 
     def _hands(self) -> Iterator[TaskChange | None]:
         """All that the arms' payloads and the gripper allow, where the task asks for less."""
@@ -354,7 +387,8 @@ class LiftChanges:
     def _limits(self, limits: dict[str, float], squeeze: float | None) -> TaskChange:
         told = "" if squeeze is None else f", and let the gripper squeeze with {squeeze:g} N"
         sentence = f"Let the hands bear all that the arms' payloads leave: {limits['net']:g} N each at most{told}."
-        return TaskChange("hand_limits", sentence, (put("/hand_force_limit", {**limits, "squeeze": squeeze}),))
+        steps = (put("/hand_force_limit", {**limits, "squeeze": squeeze}),)
+        return TaskChange("hand_limits", sentence, steps, "more", squeeze or 0.0)
 
     def _lifter(self) -> Iterator[TaskChange | None]:
         others = [name for name in _OTHER_LIFTERS if name != self.task.lifter_model]
@@ -363,24 +397,38 @@ class LiftChanges:
     def _tolerances(self) -> Iterator[TaskChange | None]:
         mass, com = self.task.plate.mass_tolerance, self.task.plate.com_tolerance
         yield from self._of(
-            (_known_better(mass * share, com * share) for share in _TOLERANCES if mass or com), forces=True
+            (
+                replace(_known_better(mass * share, com * share), way="better", size=1.0 - share)
+                for share in _TOLERANCES
+                if mass or com
+            ),
+            forces=True,
         )
 
     # Places.
 
     def _plate_turned(self) -> Iterator[TaskChange | None]:
         turns = (
-            TaskChange("plate_yaw", f"Turn the plate by {turning(angle)}.", self._plate_moved(np.zeros(2), angle))
+            replace(self._turned(angle), way="counterclockwise" if angle > 0.0 else "clockwise", size=abs(angle))
             for angle in _TURNS
         )
         yield from self._of(turns, forces=False)
 
     def _plate_place(self) -> Iterator[TaskChange | None]:
         places = (
-            TaskChange("plate_place", f"Move the plate {self._told_move(way)}.", self._plate_moved(way))
+            TaskChange(
+                "plate_place",
+                f"Move the plate {self._told_move(way)}.",
+                self._plate_moved(way),
+                heading(way),
+                float(np.linalg.norm(way)),
+            )
             for way in self._plate_ways()
         )
         yield from self._of(places, forces=False)
+
+    def _turned(self, angle: float) -> TaskChange:
+        return TaskChange("plate_yaw", f"Turn the plate by {turning(angle)}.", self._plate_moved(np.zeros(2), angle))
 
     def _plate_ways(self) -> list[Array]:
         """Return ways (2,) for the plate [m], the least first: straight on, and towards where both arms reach best."""
@@ -435,7 +483,7 @@ class LiftChanges:
             put("/support", support.model_dump(mode="json")),
             put("/plate_pose", [x, y, raised, *turn]),
         )
-        return TaskChange("support", sentence, steps)
+        return TaskChange("support", sentence, steps, "thicker", thickness)
 
     def _to_the_edge(self) -> Iterator[TaskChange | None]:
         """The plate on the table, a side at the nearest of its edges, so that a hand comes to it from beyond."""
@@ -479,10 +527,12 @@ class LiftChanges:
     def _obstacles(self) -> Iterator[TaskChange | None]:
         """An obstacle moved or taken away, or two taken away; nothing where that leaves no way."""
         for index, obstacle in enumerate(self.task.obstacles):
-            gone = TaskChange("obstacle", f"Take {obstacle.name} away.", (removed(f"/obstacles/{index}"),))
+            gone = TaskChange(
+                "obstacle", f"Take {obstacle.name} away.", (removed(f"/obstacles/{index}"),), size=math.inf
+            )
             if self._leaves_a_way(gone, forces=False, kept=0.0):
-                yield from self._of(self._obstacle_changed(index, obstacle), forces=False)
                 yield gone
+                yield from self._obstacle_changed(index, obstacle)
                 return
         pairs = itertools.combinations(range(len(self.task.obstacles)), 2)
         for one, other in pairs:
@@ -494,10 +544,17 @@ class LiftChanges:
                 return
 
     def _obstacle_changed(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
-        """Move an obstacle straight away from the plate, or change its height, in turns: as much of either."""
-        moved, higher = self._obstacle_moved(index, obstacle), self._obstacle_height(index, obstacle)
-        pairs = itertools.zip_longest(higher, moved)
+        """Change the height of an obstacle, or move it straight away from the plate, in turns: as much of either."""
+        ways = self._obstacle_height(index, obstacle), self._obstacle_moved(index, obstacle)
+        pairs = itertools.zip_longest(*map(self._smallest, ways))
         yield from (change for pair in pairs for change in pair if change is not None)
+
+    def _smallest(self, changes: Iterable[TaskChange]) -> Iterator[TaskChange]:
+        """Yield those of one way that leave a way, the smallest first; none where the largest does not."""
+        *smaller, largest = [*changes] or [None]
+        if largest is not None and self._leaves_a_way(largest, forces=False):
+            yield from (each for each in smaller if each is not None and self._leaves_a_way(each, forces=False))
+            yield largest
 
     def _obstacle_height(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         T_world_body = self.scene.obstacles[index].T_world_body

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from planners.cell.asset_shelf import described_tool
-from planners.contract.task_spec import CustomTool, ObjectToMove, Obstacle, SuctionToolTask
+from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask
 from planners.geometry.pose import Array
 from planners.plan.plan import Plan
 from planners.remedies.change import (
@@ -26,7 +26,15 @@ from planners.remedies.change import (
     removed,
     turning,
 )
-from planners.remedies.directions import between_arms, least_reach, straight_ways, straightest, told_move, way_to_best
+from planners.remedies.directions import (
+    between_arms,
+    heading,
+    least_reach,
+    straight_ways,
+    straightest,
+    told_move,
+    way_to_best,
+)
 from planners.scene.standing import listed
 from planners.scene.suction_tool import tools_in
 from planners.scene.tool_scene import SuctionToolScene
@@ -83,24 +91,29 @@ class ToolChanges:
         named = [each for each in task.objects if self._names(each.name)]
         self._objects = [(task.objects.index(each), each) for each in named or task.objects]
 
-    def by_kind(self) -> list[Iterator[TaskChange]]:
+    def by_kind(self) -> list[Iterator[TaskChange | None]]:
         """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
         # Obstacles do not keep physics from carrying out a plan that is clear of them, unless it names them.
         return self._kinds(self._named_obstacles() if self._failed.outcome == "solved" else self._obstacles())
 
-    def _kinds(self, obstacles: Iterator[TaskChange]) -> list[Iterator[TaskChange]]:
-        cup = [self._cup_force(), self._cup_radius()]
+    def _kinds(self, obstacles: Iterator[TaskChange | None]) -> list[Iterator[TaskChange | None]]:
+        cup: list[Iterator[TaskChange | None]] = [self._cup_force(), self._cup_radius()]
         starts_moved, goals_moved = self._starts(), self._goals()
-        places = [self._goals_turned(), starts_moved, goals_moved, self._starts_turned()]
+        places: list[Iterator[TaskChange | None]] = [
+            self._goals_turned(),
+            starts_moved,
+            goals_moved,
+            self._starts_turned(),
+        ]
         poses = [(each.pose, each.goal_pose) for _, each in self._objects]
         starts, goals = (
             max(np.linalg.norm(way_to_best(self._cell, pose)) for pose in member) for member in zip(*poses, strict=True)
         )
-        far_off: list[Iterator[TaskChange]] = []
+        far_off: list[Iterator[TaskChange | None]] = []
         if max(starts, goals) > _NEARER[0] * self._reach:
             far_off = [goals_moved] if goals >= starts else [starts_moved, goals_moved]
             places = [kind for kind in places if kind not in far_off]
-        rest = [self._tool(), self._limits(), self._aside(), self._lighter()]
+        rest: list[Iterator[TaskChange | None]] = [self._tool(), self._limits(), self._aside(), self._lighter()]
         first = [obstacles] if self.task.obstacles else []
         about_cup = any(word in self._told for word in _CUP_REASONS)
         others = [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
@@ -109,7 +122,8 @@ class ToolChanges:
 
     def in_pairs(self) -> list[Iterator[TaskChange]]:
         """Return two changes at once, for where no single one helps: of different kinds, of each the first ones."""
-        firsts = [list(itertools.islice(kind, _FIRST)) for kind in self._kinds(self._named_obstacles())]
+        kinds = self._kinds(self._named_obstacles())
+        firsts = [list(itertools.islice((each for each in kind if each is not None), _FIRST)) for kind in kinds]
         return [
             self._of(one.then(other) for one, other in itertools.product(some, others))
             for some, others in itertools.combinations(firsts, 2)
@@ -150,7 +164,7 @@ class ToolChanges:
         pose = getattr(each, member)
         told = sentence.format(each.name, told_move(way, pose))
         steps = (put(f"/objects/{index}/{member}", moved_pose(pose, way)),)
-        return TaskChange(kind, told, steps)
+        return TaskChange(kind, told, steps, f"{each.name} {heading(way)}", float(np.linalg.norm(way)))
 
     def _starts_turned(self) -> Iterator[TaskChange]:
         yield from self._of(self._turned("pose", "object_yaw", "Turn {} by {}."))
@@ -169,7 +183,8 @@ class ToolChanges:
             for index, each in self._objects:
                 pose = moved_pose(getattr(each, member), np.zeros(2), angle)
                 told = sentence.format(each.name, turning(angle))
-                yield TaskChange(kind, told, (put(f"/objects/{index}/{member}", pose),))
+                way = f"{each.name} {'counterclockwise' if angle > 0.0 else 'clockwise'}"
+                yield TaskChange(kind, told, (put(f"/objects/{index}/{member}", pose),), way, abs(angle))
 
     def _aside(self) -> Iterator[TaskChange]:
         """Leave an object out of the task: somebody else puts it aside."""
@@ -193,26 +208,43 @@ class ToolChanges:
                 yield from self._of(self._of_mass(index, each, share * most) for share in _LIGHTER)
 
     def _of_mass(self, index: int, each: ObjectToMove, mass: float) -> TaskChange:
+        assert each.mass is not None
         mass = math.floor(100.0 * mass) / 100.0
         sentence = f"Make {each.name} lighter, or move it in parts: {mass:g} kg instead of {each.mass:g} kg."
-        return TaskChange("mass", sentence, (put(f"/objects/{index}/mass", mass),))
+        less = each.mass - mass
+        return TaskChange("mass", sentence, (put(f"/objects/{index}/mass", mass),), each.name, less)
 
     # Obstacles.
 
-    def _obstacles(self) -> Iterator[TaskChange]:
-        """One obstacle changed or taken away, or several together; nothing where there is no plan without any."""
+    def _obstacles(self) -> Iterator[TaskChange | None]:
+        """One obstacle taken away or changed, or several together; nothing where there is no plan without any."""
         near = self._near_obstacles()
         if not near or (len(near) > 1 and not self._solves(self._away(near))):
             return
         for one in near[:_ALONE]:
             if self._solves(self._away([one])):
-                yield from self._obstacle_changed(one)
+                yield self._away([one])
+                yield from self._smallest(self._heights(one))
+                yield from self._smallest(self._obstacle_moved(one))
                 return
+            yield None
         if len(near) > 1:
             few = self._fewest(near)
             bodies = {index: (self.task.obstacles[index], self._scene.obstacles[index].T_world_body) for index in few}
-            yield from self._of(obstacles_out_of_the_way(bodies, self._cell.table_top))
-            yield from self._of([self._away(few)])
+            yield self._away(few)
+            yield from self._smallest(obstacles_out_of_the_way(bodies, self._cell.table_top))
+
+    def _smallest(self, changes: Iterable[TaskChange]) -> Iterator[TaskChange | None]:
+        """Yield the smallest change of one way that helps and the largest, from the smallest on; None where none does.
+
+        The largest is planned first: where it does not help, no smaller one does.
+        """
+        *smaller, largest = [*self._of(changes)] or [None]
+        if largest is None or not self._solves(largest):
+            yield None
+            return
+        yield from itertools.islice((each for each in smaller if each is not None and self._solves(each)), 1)
+        yield largest
 
     def _fewest(self, near: list[int]) -> list[int]:
         """Return the least first part of obstacles, in order, without which there is a plan, as without all of them."""
@@ -225,7 +257,7 @@ class ToolChanges:
                 known = middle
         return sorted(near[:enough])
 
-    def _named_obstacles(self) -> Iterator[TaskChange]:
+    def _named_obstacles(self) -> Iterator[TaskChange | None]:
         """Those that the failed plan names, each changed or taken away."""
         for index, each in enumerate(self.task.obstacles):
             if self._names(each.name):
@@ -248,22 +280,25 @@ class ToolChanges:
         """Take obstacles away, the last one first, so that the others keep their numbers."""
         steps = tuple(removed(f"/obstacles/{index}") for index in sorted(numbers, reverse=True))
         names = listed([self.task.obstacles[index].name for index in sorted(numbers)])
-        return TaskChange("obstacle", f"Take {names} away.", steps)
+        return TaskChange("obstacle", f"Take {names} away.", steps, size=math.inf)
 
     def _obstacle_changed(self, index: int) -> Iterator[TaskChange]:
         """Yield changes of the height and the place of an obstacle, in turns, and at last without it."""
-        obstacle, T_world_body = self.task.obstacles[index], self._scene.obstacles[index].T_world_body
-        height = obstacle_out_of_the_way(index, obstacle, T_world_body, self._cell.table_top)
-        pairs = itertools.zip_longest(height, self._obstacle_moved(index, obstacle))
+        pairs = itertools.zip_longest(self._heights(index), self._obstacle_moved(index))
         yield from self._of(change for pair in pairs for change in pair if change is not None)
         yield from self._of([self._away([index])])
+
+    def _heights(self, index: int) -> Iterator[TaskChange]:
+        obstacle, T_world_body = self.task.obstacles[index], self._scene.obstacles[index].T_world_body
+        return obstacle_out_of_the_way(index, obstacle, T_world_body, self._cell.table_top)
 
     def _spots(self) -> Array:
         """Return where objects start and go to: (n, 2) [m, world]."""
         return np.array([pose[:2] for _, each in self._objects for pose in (each.pose, each.goal_pose)])
 
-    def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
+    def _obstacle_moved(self, index: int) -> Iterator[TaskChange]:
         """Move an obstacle away from the nearest start or goal."""
+        obstacle = self.task.obstacles[index]
         place, spots = np.array(obstacle.pose[:2]), self._spots()
         off = place - spots[np.argmin(np.linalg.norm(spots - place, axis=1))]
         way = straightest(off)
@@ -292,7 +327,7 @@ class ToolChanges:
         for more in _STRONGER:
             force = round(more * stated, 1)
             told = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
-            yield from self._of([_other_cup(tool, "cup_force", told, {"max_force": force})])
+            yield from self._of([_other_cup(tool, "cup_force", told, {"max_force": force}, "stronger", more)])
 
     def _cup_radius(self) -> Iterator[TaskChange]:
         tool = self._description()
@@ -302,7 +337,8 @@ class ToolChanges:
         for share in _OTHER_CUPS:
             radius = round(share * stated, 4)
             told = f"Use a cup of {1e3 * radius:.3g} mm radius instead of {1e3 * stated:.3g} mm."
-            yield from self._of([_other_cup(tool, "cup_radius", told, {"radius": radius})])
+            way, size = "larger" if share > 1.0 else "smaller", abs(share - 1.0)
+            yield from self._of([_other_cup(tool, "cup_radius", told, {"radius": radius}, way, size)])
 
     def _limits(self) -> Iterator[TaskChange]:
         """All that the arms' payloads and the gripper allow, where the task asks for less."""
@@ -316,8 +352,10 @@ class ToolChanges:
             yield from self._of([TaskChange("hand_limits", sentence, (put("/grip_force_limit", most),))])
 
 
-def _other_cup(tool: CustomTool, kind: str, sentence: str, members: dict[str, float]) -> TaskChange:
+def _other_cup(
+    tool: CustomTool, kind: str, sentence: str, members: dict[str, float], way: str, size: float
+) -> TaskChange:
     """Describe a tool in full, with another cup; what follows from the cup's force follows from the new one."""
     cup = {"radius": tool.cup.radius, "max_force": tool.cup.max_force, "mu": tool.cup.mu} | members
     described = {**tool.model_dump(mode="json"), "cup": {**cup}}
-    return TaskChange(kind, sentence, (put("/tool", described),))
+    return TaskChange(kind, sentence, (put("/tool", described),), way, size)

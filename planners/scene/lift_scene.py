@@ -121,8 +121,7 @@ def build_lift_scene(task: PlateLiftTask, cells: Mapping[str, Cell] | None, uplo
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
     """
-    needed = "a plate lift needs a cell with one gripper and one stick"
-    cell = find_cell(task.cell, cells, _lifts_plates, needed)
+    cell = lift_cell(task, cells)
     gripper = cell.gripper(cell.gripper_arms[0])
     shapes = ShapeSource(uploads)
     named = [(obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)]
@@ -191,6 +190,15 @@ def _with_any_place(
                 raise
             refused = refused if number else error
     raise refused
+
+
+def lift_cell(task: PlateLiftTask, cells: Mapping[str, Cell] | None = None) -> Cell:
+    """Return the cell that a task names, of those there are by name; None: the shipped ones.
+
+    Raises:
+        SceneError: There is none, or it has other hands; with the names of those that have such.
+    """
+    return find_cell(task.cell, cells, _lifts_plates, "a plate lift needs a cell with one gripper and one stick")
 
 
 def _lifts_plates(cell: Cell) -> bool:

@@ -68,16 +68,15 @@ def find_cell(name: str, cells: Mapping[str, Cell] | None, fits: Callable[[Cell]
         needed: says which those are.
 
     Raises:
-        SceneError: There is none, or it does not fit.
+        SceneError: There is none, or it does not fit; with the names of those that do.
     """
     known = known_cells() if cells is None else cells
     find = load_cell if cells is None else cells.__getitem__
-    if name not in known:
-        raise SceneError("/cell", f"there is no cell {name}", list(known))
-    cell = find(name)
-    if not fits(cell):
-        raise SceneError("/cell", needed, [other for other in known if fits(find(other))])
-    return cell
+    found = find(name) if name in known else None
+    if found is None or not fits(found):
+        detail = f"there is no cell {name}" if found is None else needed
+        raise SceneError("/cell", detail, [other for other in known if fits(find(other))])
+    return found
 
 
 def check_names(named: Iterable[tuple[str, str]], cell: Cell) -> None:

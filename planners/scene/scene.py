@@ -14,10 +14,10 @@ from planners.contract.task_spec import (
     SuctionToolTask,
 )
 from planners.geometry.pose import Array
-from planners.scene.lift_scene import PlateLiftScene, build_lift_scene
+from planners.scene.lift_scene import PlateLiftScene, build_lift_scene, lift_cell
 from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import NO_TOOLS, SuctionTool
-from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
+from planners.scene.tool_scene import SuctionToolScene, build_tool_scene, tool_cell
 
 PLANNED_KINDS = KINDS
 """The kinds of task that can be planned."""
@@ -71,6 +71,15 @@ def build_scene(
     if isinstance(task, SuctionToolTask):
         return build_tool_scene(task, cells, uploads, tools)
     return build_lift_scene(task, cells, uploads)
+
+
+def cell_of(task: PlateLiftTask | SuctionToolTask, cells: Mapping[str, Cell] | None = None) -> Cell:
+    """Return the cell that a task names, of those there are by name; None: the shipped ones.
+
+    Raises:
+        SceneError: There is none, or it has not the hands that the task needs; with the names of those that have.
+    """
+    return tool_cell(task, cells) if isinstance(task, SuctionToolTask) else lift_cell(task, cells)
 
 
 def with_centres(

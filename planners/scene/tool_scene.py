@@ -84,7 +84,7 @@ def build_tool_scene(
     Raises:
         SceneError: naming the member that is wrong, and the valid choices where there are any.
     """
-    cell = find_cell(task.cell, cells, _grips_with_both, "a suction tool needs a cell with two grippers")
+    cell = tool_cell(task, cells)
     named = [(given.name, f"/objects/{i}/name") for i, given in enumerate(task.objects)]
     named += [(given.name, f"/obstacles/{i}/name") for i, given in enumerate(task.obstacles)]
     # By them it is known below what rests on what.
@@ -121,6 +121,15 @@ def build_tool_scene(
     _add_overlaps_at_start(scene, still, faults)
     faults.raise_any()
     return scene
+
+
+def tool_cell(task: SuctionToolTask, cells: Mapping[str, Cell] | None = None) -> Cell:
+    """Return the cell that a task names, of those there are by name; None: the shipped ones.
+
+    Raises:
+        SceneError: There is none, or it has other hands; with the names of those that have such.
+    """
+    return find_cell(task.cell, cells, _grips_with_both, "a suction tool needs a cell with two grippers")
 
 
 def _grips_with_both(cell: Cell) -> bool:

@@ -26,6 +26,7 @@ from planners.errors import LiftwrightError
 from planners.plan.plan import Plan
 from planners.progress import Progress
 from planners.regrasp.graph.object_progress import ObjectStage
+from planners.remedies.kinds import KINDS
 from planners.scene.suction_tool import load_tool
 from tests.support.scan_frames import SHIPPED
 from tests.support.tool_plans import FEW
@@ -355,6 +356,8 @@ def test_stages_are_told_in_words_with_the_object_they_are_about() -> None:
         words = stage_words(stage)
         assert words != stage
         assert stage_words(f"{stage} box_1") == f"{words} (box_1)"
+    for kind, about in KINDS.items():
+        assert stage_words(f"remedies {kind}") == f"{stage_words('remedies')} ({about})"
     assert stage_words("polish") == "polish"
 
 

@@ -48,6 +48,13 @@ def test_a_stage_of_unknown_length_moves_but_does_not_end_by_itself() -> None:
     assert 0.0 < scale.advance(Report("first", 10, 0)) < scale.advance(Report("first", 10_000, 0)) < 0.5
 
 
+def test_kinds_of_changes_are_no_parts_of_looking_for_remedies() -> None:
+    """Each report is of the whole search, whatever kind of change is tried; and it takes the place of physics."""
+    scale = ProgressScale({"certify": 0.4, "simulate": 0.6}, objects=3)
+    assert scale.advance(Report("remedies", 5, 10, "tool")) == pytest.approx(0.4 + 0.3)
+    assert scale.advance(Report("remedies", 10, 10, "mass")) == pytest.approx(1.0)
+
+
 def test_objects_share_a_stage_in_whatever_order_they_come() -> None:
     scale = ProgressScale({"scene": 0.2, "regrasp": 0.6, "certify": 0.2}, objects=3)
     assert scale.advance(Report("regrasp", 5, 10, "second")) == pytest.approx(0.2 + 0.2 * 0.5)

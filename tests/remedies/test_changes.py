@@ -191,6 +191,24 @@ def test_a_plate_far_off_is_moved_to_where_both_arms_reach_best_the_least_way_fi
     assert all(0.5 < share < 0.9 for share in shares)
 
 
+@pytest.mark.parametrize(
+    ("chief", "kinds"),
+    [
+        ("no hold bears the plate, wherever the arms reach", ["hand_limits", "cup_place"]),
+        ("the left arm does not reach so far", ["plate_yaw", "plate_place"]),
+        ("", ["cup_place", "cup_force"]),
+    ],
+)
+def test_what_the_failed_plan_names_first_is_changed_first(chief: str, kinds: list[str]) -> None:
+    task = posted("sheet_ur10e", obstacles=[])
+    assert isinstance(task, PlateLiftTask)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+    changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+    changes.__dict__["_cut"] = []
+    firsts = [next(filter(None, kind), None) for kind in changes.by_kind(chief)[:2]]
+    assert [change and change.kind for change in firsts] == kinds
+
+
 @pytest.mark.parametrize("is_open", [True, False])
 def test_a_place_of_the_cup_is_a_way_from_the_stated_one_if_there_is_one(is_open: bool) -> None:
     task = posted("ab1", cup={"position": [0.0, 0.02], "radius": 0.0175, "max_force": 20})

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,21 @@ from planners.plan.simulation import LiftSimulation, failure_of
 from planners.plan.verdicts import Certificate, Remedy
 from planners.planning import TaskSolver
 from planners.progress import Report, silent
-from planners.remedies.change import Effort, TaskChange, more_kept_back
-from planners.remedies.find_remedies import MOST_OF_A_KIND, MOST_REMEDIES, MOST_SIMULATED, find_remedies
+from planners.remedies.change import WORK, Effort, TaskChange, more_kept_back, put
+from planners.remedies.find_remedies import (
+    MOST_IN_VAIN,
+    MOST_OF_A_KIND,
+    MOST_REMEDIES,
+    MOST_SIMULATED,
+    MOST_STEPS,
+    MOST_TRIES,
+    STEPS_OF_A_PLAN,
+    STEPS_OF_A_SCENE,
+    STEPS_OF_PAIRS,
+    PlanMemory,
+    find_remedies,
+    why_none,
+)
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import load_tools
 from tests.support.plan_shelf import PlanShelf
@@ -217,10 +232,14 @@ def a_plan(shelf: PlanShelf) -> Plan:
 
 
 def found(kinds: Sequence[Sequence[TaskChange | None]], helps: Any, plan: Plan, steps: int = 1000) -> list[Remedy]:
-    def attempt(task: Any) -> Plan | None:
-        return plan if helps(task.cup.max_force) else None
+    effort = Effort(steps)
 
-    return find_remedies([iter(kind) for kind in kinds], attempt, AB1, Effort(steps), silent)
+    def attempt(task: Any) -> Plan | None:
+        effort.take(6)
+        came = helps(task.cup.max_force)
+        return plan if came is True else came or None
+
+    return find_remedies([iter(kind) for kind in kinds], PlanMemory(attempt, effort), AB1, effort, silent)
 
 
 def test_only_what_was_planned_and_certified_is_told(a_plan: Plan) -> None:
@@ -239,39 +258,202 @@ def test_kinds_take_turns_and_the_smallest_change_of_each_comes_first(a_plan: Pl
 
 
 def test_a_kind_that_is_still_looking_keeps_nobody_waiting(a_plan: Plan) -> None:
-    kinds = [[None, None, force(21.0)], [force(31.0), force(32.0)]]
-    assert [remedy.sentence for remedy in found(kinds, lambda newtons: True, a_plan, steps=12)] == ["31 N.", "32 N."]
+    kinds = [[None, force(21.0)], [force(31.0), force(32.0)]]
+    assert [remedy.sentence for remedy in found(kinds, lambda newtons: True, a_plan, steps=6)] == ["31 N."]
     assert len(found(kinds, lambda newtons: True, a_plan)) == 3
+
+
+def test_what_is_asked_in_vain_is_asked_on_only_where_nothing_else_helps(a_plan: Plan) -> None:
+    kinds = [[None, None, force(21.0)], [force(31.0)]]
+    assert [each.sentence for each in found(kinds, lambda newtons: True, a_plan)] == ["31 N."]
+    assert [each.sentence for each in found(kinds, lambda newtons: newtons < 30.0, a_plan)] == ["21 N."]
+
+
+def test_what_is_planned_in_vain_is_planned_on_only_where_nothing_else_helps(a_plan: Plan) -> None:
+    planned = list[float]()
+
+    def helps(newtons: float) -> bool:
+        planned.append(newtons)
+        return newtons in fine
+
+    kinds = [[force(31.0)], [force(20.0 + number) for number in range(1, MOST_TRIES + 1)]]
+    fine = {31.0}
+    found(kinds, helps, a_plan)
+    assert planned == [31.0, *(20.0 + number for number in range(1, MOST_IN_VAIN + 1))]
+    fine = {20.0 + MOST_TRIES}
+    assert len(found(kinds, helps, a_plan)) == 1
 
 
 def test_the_search_ends_with_its_steps(a_plan: Plan) -> None:
     def endless() -> Iterator[TaskChange]:
-        while True:
-            yield force(30.0)
+        for newtons in count(30):
+            yield force(float(newtons))
 
-    effort, asked = Effort(29, plan=7), []
-    told = find_remedies([endless(), endless()], lambda task: asked.append(task), AB1, effort, silent)
-    assert told == []
-    assert len(asked) == 4
+    effort, asked = Effort(29), []
+
+    def attempt(task: Any) -> None:
+        asked.append(task)
+        effort.take(10)
+
+    assert find_remedies([endless(), endless()], PlanMemory(attempt, effort), AB1, effort, silent) == []
+    assert len(asked) == 3
+    assert why_none(effort.tried) == "Tried in vain: a stronger cup."
 
 
-def test_progress_is_told_in_steps_and_may_stop_the_search(a_plan: Plan) -> None:
+def test_what_is_known_is_told_at_no_cost_and_when_no_step_is_left(a_plan: Plan) -> None:
+    effort, asked = Effort(10), []
+
+    def attempt(task: Any) -> Plan:
+        asked.append(task.cup.max_force)
+        effort.take(10)
+        return a_plan
+
+    plans = PlanMemory(attempt, effort)
+    assert isinstance(AB1, PlateLiftTask)
+    probe = force(40.0).applied(AB1)
+    assert probe is not None
+    assert plans(probe) is a_plan
+    told = find_remedies([iter([force(30.0)]), iter([force(40.0), force(41.0)])], plans, AB1, effort, silent)
+    assert [remedy.sentence for remedy in told] == ["40 N."]
+    assert (asked, effort.spent) == ([40.0], 10)
+
+
+def test_progress_is_told_in_steps_with_the_kind_that_is_tried_and_may_stop_the_search(a_plan: Plan) -> None:
     class Enough(Exception):
         pass
 
     reports: list[Report] = []
+    effort = Effort(100)
 
     def progress(report: Report, /) -> None:
         reports.append(report)
         if len(reports) == 2:
             raise Enough
 
+    def attempt(_: Any) -> Plan:
+        effort.take(7)
+        return a_plan
+
     with pytest.raises(Enough):
-        find_remedies([iter([force(30.0), force(31.0)])], lambda _: a_plan, AB1, Effort(100, plan=7), progress)
-    assert [(report.stage, report.done, report.total) for report in reports] == [
-        ("remedies", 0, 100),
-        ("remedies", 7, 100),
+        find_remedies([iter([force(30.0), force(31.0)])], attempt, AB1, effort, progress)
+    assert reports == [Report("remedies", 0, 100, "cup_force"), Report("remedies", 7, 100, "cup_force")]
+
+
+# What is worth telling.
+
+
+def better(plan: Plan, *, reserve: float = 1.0, force: float = 1.0) -> Plan:
+    """Return a plan with so many times the reserve and the forces."""
+    kept = plan.statistics.reserve
+    assert kept is not None
+    statistics = plan.statistics.model_copy(update={"reserve": kept.model_copy(update={"value": reserve * kept.value})})
+    segments = [
+        each.model_copy(
+            update={
+                "contacts": [contact.model_copy(update={"wrench": force * contact.wrench}) for contact in each.contacts]
+            }
+        )
+        for each in plan.segments
     ]
+    return plan.model_copy(update={"statistics": statistics, "segments": segments})
+
+
+@pytest.mark.parametrize(
+    ("plans", "told"),
+    [
+        ([{}, {}, {}], [21]),
+        ([{}, {"reserve": 1.3}, {"reserve": 1.3}], [21, 22]),
+        ([{}, {"reserve": 1.2}, {"reserve": 1.6}], [21]),
+        ([{}, {"force": 0.7}, {}], [21, 22]),
+        ([{}, {"force": 0.9}, {}], [21]),
+    ],
+)
+def test_a_larger_change_of_the_same_way_is_told_where_its_plan_is_clearly_better(
+    plans: list[dict[str, float]], told: list[int], a_plan: Plan
+) -> None:
+    """And once a larger one adds nothing, none still larger is planned."""
+    came = {21.0 + number: better(a_plan, **each) for number, each in enumerate(plans)}
+    stronger = [replace(force(newtons), way="stronger", size=newtons) for newtons in came]
+    sentences = [f"{newtons} N." for newtons in told]
+    assert [each.sentence for each in found([stronger], came.get, a_plan)] == sentences
+    others = [replace(change, way=f"way {number}") for number, change in enumerate(stronger)]
+    assert len(found([others], came.get, a_plan)) == len(plans)
+
+
+def test_of_each_kind_the_smallest_comes_first_in_whatever_order_they_were_found(a_plan: Plan) -> None:
+    changes = [replace(force(newtons), size=newtons) for newtons in (23.0, 21.0, 22.0)]
+    told = found([changes, [force(31.0)]], lambda newtons: True, a_plan)
+    assert [each.sentence for each in told] == ["21 N.", "22 N.", "23 N.", "31 N."]
+
+
+def test_no_remedy_does_what_another_one_does_and_more(a_plan: Plan) -> None:
+    one = force(21.0)
+    more = TaskChange("two_changes", "Both.", (put("/cup/radius", 0.018), *one.patch))
+    other = TaskChange("two_changes", "Other.", (put("/cup/radius", 0.018), *force(22.0).patch))
+    for kinds in ([[more], [one], [other]], [[one], [other], [more]], [[more, other, one]]):
+        told = {each.sentence for each in found(kinds, lambda newtons: True, a_plan)}
+        assert told == {"21 N.", "Other."}
+
+
+# What it costs.
+
+
+def searched(plan_changed: Callable[..., Plan], body: dict[str, Any], failed: Plan) -> Plan:
+    """Solve a task whose plan failed, with what plans the changed ones."""
+
+    def plan(task: Any, *args: Any, persistent: bool = True, **more: Any) -> Plan:
+        return failed.model_copy(update={"task": task}) if persistent else plan_changed(task, *args, **more)
+
+    certify = lambda *_: Certificate(passed=True, checks=[])  # noqa: E731
+    return TaskSolver(ShippedCells(), {}, plan=plan, certify=certify).solve(read_task(body))
+
+
+@pytest.fixture(scope="module")
+def under_roof(shelf: PlanShelf) -> Plan:
+    return shelf.plan(read_task(posted("lid_under_roof", {"options": {"remedies": False}})))
+
+
+def test_no_changed_task_is_planned_twice_and_a_probe_that_helps_is_told(a_plan: Plan, under_roof: Plan) -> None:
+    planned = list[str]()
+
+    def plan_changed(task: Any, *_: Any, **__: Any) -> Plan:
+        planned.append(task.model_dump_json())
+        outcome = "not_found" if task.obstacles else "solved"
+        return a_plan.model_copy(update={"task": task, "outcome": outcome})
+
+    plan = searched(plan_changed, posted("lid_under_roof", {}), under_roof)
+    assert [each.sentence for each in plan.explanation.remedies or ()] == ["Take roof away."]
+    assert len(planned) == len(set(planned)) > 5
+
+
+def test_planners_that_work_without_end_are_stopped_after_so_much_work(under_roof: Plan) -> None:
+    """Counted in what they report, on any machine alike."""
+    reports, plans = 0, 0
+
+    def endless(task: Any, scene: Any, progress: Any, *_: Any, **__: Any) -> Plan:
+        nonlocal reports, plans
+        plans += 1
+        while True:
+            reports += 1
+            progress(Report("first motion", 0, 1))
+
+    plan = searched(endless, posted("lid_under_roof", {}), under_roof)
+    assert plan.explanation.remedies == []
+    assert plans >= MOST_STEPS / STEPS_OF_A_PLAN
+    assert WORK["first motion"] * reports <= MOST_STEPS + STEPS_OF_PAIRS + plans * WORK["first motion"]
+
+
+def test_what_ends_at_once_leaves_steps_for_everything_else(under_roof: Plan) -> None:
+    planned = list[str]()
+
+    def hopeless(task: Any, *_: Any, **__: Any) -> Plan:
+        planned.append(task.model_dump_json())
+        return under_roof.model_copy(update={"task": task})
+
+    searched(hopeless, posted("lid_under_roof", {"obstacles": []}), under_roof)
+    first = len(planned)
+    assert first > MOST_TRIES * 5
+    assert first * STEPS_OF_A_SCENE < MOST_STEPS
 
 
 def test_a_scene_that_is_refused_is_no_change() -> None:

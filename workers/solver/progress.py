@@ -68,7 +68,9 @@ class ProgressScale:
     def advance(self, report: Report) -> float:
         """Take a report and return the fraction of the whole, 0 … 1."""
         stage, done, total, name = report
-        stage = ADDED.get(stage, stage)
+        if stage in ADDED:
+            # What it is about is no object, and no part of it.
+            stage, name = ADDED[stage], None
         if stage in self._shares:
             stages = list(self._shares)
             before = sum(self._shares[earlier] for earlier in stages[: stages.index(stage)])
