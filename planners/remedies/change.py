@@ -225,7 +225,6 @@ WORK = MappingProxyType(
         "merge": 4,
         "search": 3,
         "motion": 20,
-        "cup places": 10,
     }
 )
 """About what is done from one report of a stage to the next, in steps. Handovers, which may be kept from earlier, and

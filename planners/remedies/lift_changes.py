@@ -85,6 +85,8 @@ _STEPS_OF_ASKING = 1
 """What it takes to ask anything, besides what is reported then: see `Effort` ..."""
 _STEPS_OF_REACH = 60
 """... and what the hands reach at another place, which is not reported as it is found."""
+_STEPS_OF_CUP_PLACES = 150
+"""What it takes to look where a stronger cup keeps most back."""
 _IN_VAIN = 4
 """Other places of one kind that are asked in vain before other kinds have their turn [1]."""
 _SQUEEZES = (1.5, 2.0, 4.0)
@@ -217,8 +219,13 @@ class LiftChanges:
         cup = strongest.cup.model_copy(update={"position": None})
         anywhere = strongest.model_copy(update={"cup": cup})
         self._effort.tried.add("cup_place")
+        self._effort.take(_STEPS_OF_CUP_PLACES)
+        spent = self._effort.spent
         search = CupPlaceSearch(anywhere, self._build, self._asked, self._progress)
-        for place in search.candidates(self._build(strongest)):
+        candidates = search.candidates(self._build(strongest))
+        # All places have one reach, and it is the places that are counted, not what is asked at each.
+        self._effort.spent = spent
+        for place in candidates:
             if place.leaves_a_way:
                 yield self._cup_at(place.position)
 

@@ -227,7 +227,6 @@ class ToolChanges:
                 yield from self._smallest(self._heights(one))
                 yield from self._smallest(self._obstacle_moved(one))
                 return
-            yield None
         if len(near) > 1:
             few = self._fewest(near)
             bodies = {index: (self.task.obstacles[index], self._scene.obstacles[index].T_world_body) for index in few}
