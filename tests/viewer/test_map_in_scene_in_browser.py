@@ -26,8 +26,8 @@ AXES = [
     {"pointer": "/cup/position/0", "values": [-0.045, 0.045]},
     {"pointer": "/cup/position/1", "values": [-0.08, 0.0]},
 ]
-SHOWN, CLICKED = 3, 2
-"""Points of the study: the cup of pb1 itself, and one that the fake examiner did not find."""
+SHOWN = 3
+"""Point of the study: the cup of pb1 itself."""
 
 
 @pytest.fixture(scope="module")
