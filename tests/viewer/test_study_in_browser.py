@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from urllib.parse import parse_qs, urlsplit
 
 import httpx
 import pytest
@@ -93,7 +94,9 @@ def test_a_point_is_reached_by_keys_and_opened_as_a_plan(page: Page, address: st
     page.route(re.compile(r"/viewer/\?plan="), lambda route: route.fulfill(body="the plan"))
     page.keyboard.press("Enter")
     page.wait_for_url(re.compile(r"/viewer/\?plan="))
-    plan = page.url.partition("plan=")[2]
+    opened = parse_qs(urlsplit(page.url).query)
+    assert opened["study"] == [study["id"]]
+    (plan,) = opened["plan"]
     planned = httpx.get(f"{address}/v1/plans/{plan}/document", timeout=30)
     wait = 60
     while planned.status_code == 404 and wait:
