@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
 from collections.abc import Iterator
 
@@ -67,6 +68,15 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in set(slow)]
     items.sort(key=lambda item: _place(item.nodeid.removeprefix("tests/")))
+
+
+@pytest.fixture(autouse=True)
+def _logs_go_where_they_went() -> Iterator[None]:
+    """Forget where a test had the engine's logs written: that is closed by then, and the next engine would flush it."""
+    engine = logging.getLogger("dbos")
+    before = engine.handlers[:], engine.propagate
+    yield
+    engine.handlers[:], engine.propagate = before
 
 
 @pytest.fixture(scope="session")
