@@ -192,6 +192,8 @@ class TaskSolver:
     """Executes a certified plan in its scene, telling its progress, by a seed; None: plans are not simulated."""
     software: Software = THIS_SOFTWARE
     """What is told to have made the plan."""
+    seals: bool = True
+    """Whether plans get their digest, for which all that they say is written once more."""
     clock: Callable[[], float] = time.perf_counter
     """[s], for the statistics only; no decision depends on it."""
 
@@ -229,7 +231,7 @@ class TaskSolver:
         found = found.model_copy(update={"certificate": certificate, "statistics": statistics})
         if certificate is not None and not certificate.passed:
             raise CertificateFailed(found, certificate.failures)
-        found, options = found.sealed(), task.options
+        found, options = found.sealed() if self.seals else found, task.options
         if not (self.simulate is not None and options.simulate if found.outcome == "solved" else options.remedies):
             return found
         # What was not found claims nothing yet: it is an answer when no change of the task has made it one.

@@ -64,9 +64,10 @@ def pytest_unconfigure() -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out what only a run of everything has; put what takes long first; the rest keeps its order."""
     if not config.option.whole:
-        slow = [item for item in items if item.get_closest_marker("slow")]
-        config.hook.pytest_deselected(items=slow)
-        items[:] = [item for item in items if item not in set(slow)]
+        chosen = samples.few_of_each([item for item in items if not item.get_closest_marker("slow")])
+        left_out = set(items).difference(chosen)
+        config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+        items[:] = chosen
     items.sort(key=lambda item: _place(item.nodeid.removeprefix("tests/")))
 
 

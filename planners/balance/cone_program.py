@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import clarabel
 import numpy as np
@@ -178,31 +178,56 @@ class Manner(Enum):
     CENTRAL = "for forces far from all limits, whatever the effort"
 
 
+class Sparsity(NamedTuple):
+    """Where a program's matrix, balance above the other rows, has entries, and where they are stored."""
+
+    pattern: sparse.csc_matrix
+    """(6 + m, size) of True."""
+    stored: NDArray[np.intp]
+    """(6 + m, size): the place of each entry among those stored, which run down the columns; -1 without."""
+
+    @classmethod
+    def of(cls, pattern: NDArray[np.bool_]) -> Self:
+        """Return the sparsity of a matrix that has entries where a pattern (6 + m, size) is True."""
+        stored = np.full(pattern.T.shape, -1)
+        stored[pattern.T] = np.arange(int(pattern.sum()))
+        return cls(sparse.csc_matrix(pattern), stored.T)
+
+
 class CompiledSolvers:
     """Solvers by the shape of their programs: all numbers that limits change are written anew for every problem."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[Manner, bytes, tuple[int, ...]], clarabel.DefaultSolver] = {}
+        self._sparsities: dict[tuple[int, bytes], Sparsity] = {}
+        self._known: dict[tuple[Manner, int, bytes, tuple[int, ...]], clarabel.DefaultSolver] = {}
+
+    def sparsity(self, pattern: NDArray[np.bool_]) -> Sparsity:
+        """Return the sparsity of a pattern (6 + m, size): programs with other limits have the same one."""
+        key = (len(pattern), pattern.tobytes())
+        known = self._sparsities.get(key)
+        if known is None:
+            known = self._sparsities[key] = Sparsity.of(pattern)
+        return known
 
     def of(
-        self, manner: Manner, sparsity: sparse.csc_matrix, cost: Array, b: Array, sizes: tuple[int, ...]
+        self, manner: Manner, sparsity: Sparsity, cost: Array, b: Array, sizes: tuple[int, ...]
     ) -> clarabel.DefaultSolver:
         """Return the solver of a shape, compiled where it is new.
 
         Args:
             manner: how it solves.
-            sparsity: pattern of the rows.
+            sparsity: of the rows, from `sparsity`.
             cost: (size,) of the variables.
             b: (m,) any right side of the rows.
             sizes: number of linear rows, then of the rows of each second-order cone.
         """
-        key = (manner, sparsity.indptr.tobytes() + sparsity.indices.tobytes() + cost.tobytes(), sizes)
+        key = (manner, id(sparsity), cost.tobytes(), sizes)
         known = self._known.get(key)
         if known is None:
             kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(sizes[0])]
             kinds += [clarabel.SecondOrderConeT(size) for size in sizes[1:]]
             # The stored values do not matter for the sparsity; ones keep the first equilibration away from zeros.
-            ones, empty = sparsity.astype(float), sparse.csc_matrix((len(cost), len(cost)))
+            ones, empty = sparsity.pattern.astype(float), sparse.csc_matrix((len(cost), len(cost)))
             weighed = np.zeros_like(cost) if manner is Manner.CENTRAL else cost
             settings = _solver_settings(refined=manner is Manner.CAREFUL)
             known = self._known[key] = clarabel.DefaultSolver(empty, weighed, ones, b, kinds, settings)
@@ -303,13 +328,12 @@ class Template:
         pattern[:6, : columns.wrench_size] = True
         for rows in self._net_rows:
             pattern[6 + rows.start : 6 + rows.stop, columns.grip] = True
-        # Where the entries that `solve` writes stand among the stored ones, which run down the columns.
-        stored = np.full(pattern.T.shape, -1)
-        stored[pattern.T] = np.arange(int(pattern.sum()))
+        self._sparsity = self._compiled.sparsity(pattern)
+        # Where the entries that `solve` writes are stored.
+        stored = self._sparsity.stored
         self._values = matrix.T[pattern.T]
-        self._balance_at = stored[: columns.wrench_size, :6].T.copy()
-        self._net_at = [stored[columns.grip, 6 + rows.start : 6 + rows.stop].T.copy() for rows in self._net_rows]
-        self._sparsity = sparse.csc_matrix(pattern)
+        self._balance_at = stored[:6, : columns.wrench_size]
+        self._net_at = [stored[6 + rows.start : 6 + rows.stop, columns.grip] for rows in self._net_rows]
         self._heads = np.zeros(6 + len(self.offsets))
         self._heads[6 : 6 + self._linear] = 1.0
         self._heads[6 + self._starts[:-1]] = 1.0

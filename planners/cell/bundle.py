@@ -264,7 +264,7 @@ def cell_schema() -> dict[str, Any]:
     definitions: dict[str, Any] = {**schema.pop("$defs"), **parts["$defs"]}
     schema["$defs"] = definitions
     # Under `tools` its name is that of its member.
-    definitions.get(ToolFile.__name__, {}).update(required=["tool"])
+    definitions[ToolFile.__name__].update(required=["tool"])
     tools = {
         "additionalProperties": {"$ref": f"#/$defs/{ToolFile.__name__}"},
         "description": "Suction tools that the cell brings beside the shipped ones, by their names.",

@@ -25,8 +25,8 @@ class PointExaminer:
 
     def __init__(self, solver: TaskSolver) -> None:
         remembering = partial(plan, lift=partial(plan_lift, memory=ReachMemory()))
-        # No point tells of a simulation, which takes longer than the plan.
-        self._planning = replace(solver, plan=remembering, simulate=None)
+        # No point tells of a simulation, which takes longer than the plan; and its plan is not kept.
+        self._planning = replace(solver, plan=remembering, simulate=None, seals=False)
         # Where nothing is found, denser samplings seldom help, and take longest.
         self._searching = replace(self._planning, plan=partial(remembering, persistent=False), certify=None)
 

@@ -62,6 +62,19 @@ def running_browser(*, draws: bool = False) -> Iterator[Browser]:
     gc.collect()
 
 
+@contextmanager
+def flawless_page(browser: Browser, address: str, **options: Any) -> Iterator[Page]:
+    """Open a page of a service, at whose address it begins; any error that its scripts or its console tell fails it."""
+    page = browser.new_page(base_url=address, device_scale_factor=0.5, **options)
+    page.set_default_timeout(LOADING_MILLISECONDS)
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+    yield page
+    page.close()
+    assert wrong == []
+
+
 def looks(number: int) -> tuple[Look, ...]:
     """Return in what colours and windows a page is looked at: in all of them, or in one by the page's number.
 

@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 import pytest
 
 T = TypeVar("T")
+MOST_CASES = 4
+"""Of one law in a quick run."""
 
 
 class _Extent:
@@ -35,6 +37,22 @@ def among(cases: Iterable[Any], quick: Sequence[Any]) -> list[Any]:
         case if case in quick else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
         for case in cases
     ]
+
+
+def few_of_each(items: Sequence[pytest.Item]) -> list[pytest.Item]:
+    """Return of each law's cases a few, spread evenly, the first and the last among them; in the order of before.
+
+    Rules have each of theirs: a case of theirs is a part of the product that nothing else looks at.
+    """
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    few: set[pytest.Item] = set()
+    for law, all_cases in cases.items():
+        last, steps = len(all_cases) - 1, MOST_CASES - 1
+        whole = last <= steps or "rules/" in law
+        few |= set(all_cases) if whole else {all_cases[round(step * last / steps)] for step in range(MOST_CASES)}
+    return [item for item in items if item in few]
 
 
 def told(cases: Iterable[dict[str, Any]]) -> list[Any]:

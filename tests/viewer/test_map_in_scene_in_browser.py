@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
-from support.browser import LOADING_MILLISECONDS, needs_browser, running_browser
+from support.browser import flawless_page, needs_browser, running_browser
 from support.plan_shelf import PlanShelf
 from support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
 from support.service import FAKE_EXAMINER, ServiceProcess, finished, running_service, task
@@ -44,15 +44,8 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def page(browser: Browser, service: ServiceProcess) -> Iterator[Page]:
-    """A page on which nothing may go wrong."""
-    page = browser.new_page(base_url=service.address, viewport=WINDOW, device_scale_factor=0.5)
-    page.set_default_timeout(LOADING_MILLISECONDS)
-    wrong: list[str] = []
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
-    yield page
-    page.close()
-    assert wrong == []
+    with flawless_page(browser, service.address, viewport=WINDOW) as page:
+        yield page
 
 
 def on_screen(page: Page, place: Array) -> tuple[float, float]:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 
 import numpy as np
 import pytest
 
+from app.pictures.canvas import viridis
+from app.viewer.page import static_text
 from app.viewer.palette import MEANINGS, code_rgb
 from planners.geometry.pose import Array
 
@@ -64,3 +67,12 @@ def test_curves_stand_out_from_their_paper(paper: str) -> None:
     for name in DRAWN:
         light, dark = sorted((float(XYZ[1] @ linear(MEANINGS[name][0])), ground), reverse=True)
         assert (light + 0.05) / (dark + 0.05) > LEAST_CONTRAST, name
+
+
+def test_the_scale_of_maps_is_viridis_on_pages_as_in_pictures() -> None:
+    stated = re.search(r"--viridis: ([^;]+);", static_text("style.css"))
+    assert stated is not None
+    stops = [code_rgb(code) for code in stated[1].split(", ")]
+    for place, stop in enumerate(stops):
+        # Between whole levels of OpenCV's table of 256.
+        assert np.abs(np.array(stop)[::-1] - viridis(place / (len(stops) - 1))).max() <= 2

@@ -9,7 +9,7 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from support.browser import draw_no_scene, looks, needs_browser, running_browser, serious_findings
+from support.browser import draw_no_scene, flawless_page, looks, needs_browser, running_browser, serious_findings
 from support.samples import sample
 from support.service import FAKE_EXAMINER, FAKE_SOLVER, task
 from support.serving import served
@@ -36,14 +36,8 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def page(browser: Browser, address: str) -> Iterator[Page]:
-    """A page on which nothing may go wrong."""
-    page = browser.new_page(base_url=address, device_scale_factor=0.5)
-    wrong: list[str] = []
-    page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
-    yield page
-    page.close()
-    assert wrong == []
+    with flawless_page(browser, address) as page:
+        yield page
 
 
 def posted(address: str, wish: str, *axes: dict, wait: int = 60) -> dict:

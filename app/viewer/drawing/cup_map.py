@@ -156,7 +156,7 @@ class CupMap:
             batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1)),
             batched_positions=self._on_top(centers, LIFTED),
             batched_scales=np.tile([*(COVERED * places.step), 1.0], (len(points), 1)),
-            batched_colors=np.round(255 * _light([colour_of_point(point) for point in points])).astype(np.uint8),
+            batched_colors=np.round(255 * _light([_colour_of_point(point) for point in points])).astype(np.uint8),
             # Without gloss, which would hide the colours.
             material="toon3",
             lod="off",
@@ -195,7 +195,7 @@ def _light(colours: Sequence[tuple[int, int, int]]) -> Array:
     return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
 
 
-def colour_of_point(point: StudyPoint) -> tuple[int, int, int]:
+def _colour_of_point(point: StudyPoint) -> tuple[int, int, int]:
     """Return the colour of a tile: viridis by what is kept back, grey where nothing is solved."""
     if point.outcome != "solved":
         return UNSOLVED

@@ -196,16 +196,13 @@ function followStudy({ count, outcomes }) {
 async function openPoint(index) {
   const of = study;
   try {
-    const answer = await fetch(`../v1/studies/${encodeURIComponent(of)}/points/${index}/plan`, { method: "POST", headers: { Accept: "application/json" } });
-    const told = await answer.json();
-    if (of !== study) return;
-    if (!answer.ok) return player.panel.tellStudy({ ...player.panel.study, refusal: told.detail });
-    if (told.id === wanted) return;
-    posted = told;
-    choose(told.id);
+    const plan = await planOfPoint(of, index);
+    if (of !== study || plan.id === wanted) return;
+    posted = plan;
+    choose(plan.id);
     refreshList();
-  } catch {
-    player.panel.tellStudy({ ...player.panel.study, refusal: "The service does not answer." });
+  } catch (error) {
+    if (of === study) player.panel.tellStudy({ ...player.panel.study, refusal: error.message });
   }
 }
 

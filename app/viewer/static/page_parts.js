@@ -33,6 +33,16 @@ function element(tag, properties = {}, ...children) {
   return made;
 }
 
+/** Ask for the plan of a point of a study, made now if there is none yet. An error says why there is none. */
+async function planOfPoint(study, index) {
+  const asked = { method: "POST", headers: { Accept: "application/json" } };
+  const answer = await fetch(`../v1/studies/${encodeURIComponent(study)}/points/${index}/plan`, asked)
+    .catch(() => { throw new Error("The service does not answer."); });
+  const told = await answer.json();
+  if (!answer.ok) throw new Error(told.detail);
+  return told;
+}
+
 /** Where viser's page draws a scene, given what the system wants, how much is drawn, and where the camera is and what it
  *  looks at, if that is not to be the scene's own first view. */
 function frameAddress(scene, light, camera = null) {

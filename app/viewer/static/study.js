@@ -3,8 +3,8 @@
 
 const SVG = "http://www.w3.org/2000/svg";
 const FULL_RESERVE = 0.2; // The brightest colour, as in the picture.
-// Viridis: its lightness alone tells the order.
-const VIRIDIS = [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]];
+const VIRIDIS = getComputedStyle(document.documentElement).getPropertyValue("--viridis").match(/#\w{6}/g)
+  .map((code) => [1, 3, 5].map((at) => parseInt(code.slice(at, at + 2), 16)));
 const WORDS = { solved: "solved", not_found: "not found", infeasible: "proven infeasible", refused: "no such task can be", failed: "failed" };
 const MARKS = { not_found: "M.25 .75L.75 .25", infeasible: "M.25 .75L.75 .25M.25 .25L.75 .75", refused: "M.48 .5L.52 .5", failed: "M.5 .2L.5 .6M.5 .75L.5 .8" };
 const NAMES = { "/cup/position/0": "cup, x on the plate [m]", "/cup/position/1": "cup, y on the plate [m]", "/cup/max_force": "cup force [N]", "/lifter_model": "lifter model" };
@@ -20,7 +20,8 @@ function colour(reserve) {
   return VIRIDIS[low].map((value, k) => Math.round(value + (at - low) * (VIRIDIS[low + 1][k] - value)));
 }
 
-function element(name, attributes = {}, parent = null) {
+/** Make an element of a drawing. */
+function drawn(name, attributes = {}, parent = null) {
   const made = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   if (parent) parent.append(made);
@@ -69,11 +70,11 @@ function draw() {
   const drawing = byId("drawing"), where = layout();
   drawing.replaceChildren();
   drawing.setAttribute("viewBox", where.box.join(" "));
-  const group = element("g", where.yaw ? { transform: `rotate(${-where.yaw * 180 / Math.PI})` } : {}, drawing);
+  const group = drawn("g", where.yaw ? { transform: `rotate(${-where.yaw * 180 / Math.PI})` } : {}, drawing);
   const [width, height] = size = where.size;
   if (where.plate) {
-    element("polygon", { class: "plate", points: where.plate.map((each) => each.join(",")).join(" ") }, group);
-    const robot = element("text", { x: 0, y: where.box[1] + where.box[3] * 0.985, "text-anchor": "middle", "font-size": where.box[2] / 34, style: `font-size:${where.box[2] / 34}px` }, drawing);
+    drawn("polygon", { class: "plate", points: where.plate.map((each) => each.join(",")).join(" ") }, group);
+    const robot = drawn("text", { x: 0, y: where.box[1] + where.box[3] * 0.985, "text-anchor": "middle", "font-size": where.box[2] / 34, style: `font-size:${where.box[2] / 34}px` }, drawing);
     robot.textContent = "robot";
   } else {
     labels(drawing);
@@ -82,7 +83,7 @@ function draw() {
   for (let index = 0; index < map.count; index++) {
     const place = counts.length === 1 ? [index] : [Math.floor(index / counts[1]), index % counts[1]];
     const [x, y] = where.at(place);
-    const cell = element("g", { id: `point-${index}`, role: "button", tabindex: index === (chosen ?? 0) ? 0 : -1, transform: `translate(${x} ${y}) scale(${width} ${height})` }, group);
+    const cell = drawn("g", { id: `point-${index}`, role: "button", tabindex: index === (chosen ?? 0) ? 0 : -1, transform: `translate(${x} ${y}) scale(${width} ${height})` }, group);
     cell.addEventListener("click", () => choose(index, true));
     cell.addEventListener("keydown", (event) => keys(event, index, place, counts, Boolean(where.plate)));
     cell.addEventListener("focus", () => choose(index, false));
@@ -92,7 +93,7 @@ function draw() {
 
 function labels(drawing) {
   const [first, second] = map.axes, rows = second ? second.values.length : 1;
-  const write = (text, x, y, anchor) => { element("text", { x, y, "text-anchor": anchor, style: "font-size:.24px" }, drawing).textContent = text; };
+  const write = (text, x, y, anchor) => { drawn("text", { x, y, "text-anchor": anchor, style: "font-size:.24px" }, drawing).textContent = text; };
   first.values.forEach((value, column) => write(shown(value).slice(0, 10), column + .5, rows + .35, "middle"));
   if (second) second.values.forEach((value, row) => write(shown(value).slice(0, 10), -.12, rows - row - .42, "end"));
 }
@@ -102,20 +103,20 @@ function fill(index) {
   if (!cell) return;
   const point = points.get(index);
   cell.replaceChildren();
-  const square = element("rect", { width: 1, height: 1 }, cell);
+  const square = drawn("rect", { width: 1, height: 1 }, cell);
   const best = map.best?.index === index;
   cell.setAttribute("class", `cell ${point ? (point.outcome === "solved" ? "solved" : "unsolved") : "unknown"}${best ? " best" : ""}${chosen === index ? " chosen" : ""}`);
   cell.setAttribute("aria-label", label(index));
   if (!point) return;
   if (point.outcome !== "solved") {
-    element("path", { d: MARKS[point.outcome] }, cell);
+    drawn("path", { d: MARKS[point.outcome] }, cell);
     return;
   }
   const rgb = colour(point.reserve ?? 0);
   square.style.fill = `rgb(${rgb})`;
   // Squares may be wider than high: what is written in them is not.
   const [width, height] = size.map((side) => Math.min(...size) / side);
-  const text = element("text", { transform: `translate(.5 ${.5 + .12 * height}) scale(${width} ${height})`, "text-anchor": "middle", style: `font-size:.36px;fill:${rgb[0] + rgb[1] + rgb[2] < 330 ? "#fff" : "#111"}` }, cell);
+  const text = drawn("text", { transform: `translate(.5 ${.5 + .12 * height}) scale(${width} ${height})`, "text-anchor": "middle", style: `font-size:.36px;fill:${rgb[0] + rgb[1] + rgb[2] < 330 ? "#fff" : "#111"}` }, cell);
   text.textContent = Math.floor(100 * (point.reserve ?? 0) + 1e-9);
 }
 
@@ -175,9 +176,7 @@ function describe() {
   }
   if (point) rows.push(["examined", point.certified ? "planned, certified" : point.examined ? `${point.examined}, not certified` : "no"], ["time", `${point.seconds.toFixed(1)} s`]);
   for (const [name, value] of rows) {
-    const term = document.createElement("dt"), told = document.createElement("dd");
-    [term.textContent, told.textContent] = [name, value];
-    list.append(term, told);
+    list.append(element("dt", {}, name), element("dd", { textContent: value }));
   }
   byId("open").disabled = !point || point.outcome === "refused";
 }
@@ -185,7 +184,7 @@ function describe() {
 async function openPoint(index) {
   byId("refusal").textContent = "";
   try {
-    const plan = await call(`${study.links.points}/${index}/plan`, "POST");
+    const plan = await planOfPoint(study.id, index);
     location.href = `./?plan=${plan.id}&study=${study.id}`;
   } catch (error) {
     byId("refusal").textContent = error.message;
@@ -206,16 +205,13 @@ function legend() {
   list.replaceChildren();
   for (const [outcome, word] of Object.entries(WORDS)) {
     if (!map.outcomes[outcome] || outcome === "solved") continue;
-    const item = document.createElement("li"), sign = element("svg", { viewBox: "0 0 1 1", "aria-hidden": "true" });
-    const cell = element("g", { class: "cell unsolved" }, sign);
-    element("rect", { width: 1, height: 1 }, cell);
-    element("path", { d: MARKS[outcome] }, cell);
-    item.append(sign, `${word}: ${map.outcomes[outcome]}`);
-    list.append(item);
+    const sign = drawn("svg", { viewBox: "0 0 1 1", "aria-hidden": "true" });
+    const cell = drawn("g", { class: "cell unsolved" }, sign);
+    drawn("rect", { width: 1, height: 1 }, cell);
+    drawn("path", { d: MARKS[outcome] }, cell);
+    list.append(element("li", {}, sign, `${word}: ${map.outcomes[outcome]}`));
   }
-  const item = document.createElement("li");
-  item.textContent = `${map.outcomes.solved} of ${map.count} solved`;
-  list.append(item);
+  list.append(element("li", {}, `${map.outcomes.solved} of ${map.count} solved`));
 }
 
 function tell() {
@@ -228,7 +224,6 @@ async function showStudy() {
   byId("title").textContent = study.external_id ? `Study ${study.external_id}` : "Study";
   byId("json").href = study.links.map;
   byId("png").href = study.links.picture;
-  byId("scale").style.background = `linear-gradient(to right, ${VIRIDIS.map((rgb) => `rgb(${rgb})`).join(", ")})`;
   for (const id of ["map", "side"]) byId(id).hidden = false;
   byId("list").hidden = true;
   await refresh();
@@ -263,21 +258,16 @@ function follow() {
 }
 
 async function showList() {
-  const page = await call("/v1/studies"), list = document.createElement("ul");
+  const page = await call("/v1/studies"), list = element("ul");
   for (const each of page.studies) {
-    const item = document.createElement("li"), link = document.createElement("a"), more = document.createElement("small");
-    link.href = `study?study=${each.id}`;
-    link.textContent = each.external_id ?? `${each.kind === "plate_lift" ? "Plate lift" : "Suction tool"}, ${each.count} points`;
-    more.textContent = `${each.state}, ${each.known} of ${each.count} points, ${new Date(each.created_at).toLocaleString()}`;
-    item.append(link, more);
-    list.append(item);
+    const name = each.external_id ?? `${each.kind === "plate_lift" ? "Plate lift" : "Suction tool"}, ${each.count} points`;
+    const more = `${each.state}, ${each.known} of ${each.count} points, ${new Date(each.created_at).toLocaleString()}`;
+    list.append(element("li", {}, element("a", { href: `study?study=${each.id}`, textContent: name }), element("small", {}, more)));
   }
   byId("list").append(list);
   if (page.studies.length) return;
-  const line = document.createElement("code"), words = document.createElement("p");
-  line.textContent = `liftwright study task.json --axis /cup/position/0=-0.1:0.1:8 --axis /cup/position/1=-0.1:0.1:8 --service ${location.origin}`;
-  words.append("No studies yet. The editor begins one of the cup's places on a plate; this one of whatever is varied: ", line);
-  byId("list").append(words);
+  const line = element("code", {}, `liftwright study task.json --axis /cup/position/0=-0.1:0.1:8 --axis /cup/position/1=-0.1:0.1:8 --service ${location.origin}`);
+  byId("list").append(element("p", {}, "No studies yet. The editor begins one of the cup's places on a plate; this one of whatever is varied: ", line));
 }
 
 (wanted ? showStudy() : showList()).catch((error) => { byId("state").textContent = error.message; });
