@@ -23,6 +23,7 @@ from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.motion.choreography import PaceSettings
 from planners.manipulation.motion.posture_follower import SweepSettings
 from planners.manipulation.statics.hold_balance import MotionSampling
+from planners.motion.timing import TimingSettings
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.planning import certificate_of, lift_settings, solve
@@ -208,8 +209,10 @@ def test_the_plan_in_a_larger_cell_moves_all_joints_through_the_same_positions(
             assert other.positions[end] == pytest.approx(one.positions[end], abs=5e-6)
         assert path(other.positions) == pytest.approx(path(one.positions), abs=5e-4)
         lasts = [float(each.time[-1] - each.time[0]) for each in (one, other)]
-        asked = (1.0, math.sqrt(times))
-        assert any(lasts[1] == pytest.approx(factor * lasts[0], rel=0.02, abs=0.1) for factor in asked)
+        # Fingers and vacuum take their time. Motions begin and end smoothly, which takes seconds as well.
+        smooth = 2.0 * TimingSettings().smoothing_time * (math.sqrt(times) - 1.0)
+        asked = (lasts[0], math.sqrt(times) * lasts[0])
+        assert any(lasts[1] == pytest.approx(time, rel=0.02, abs=smooth) for time in asked)
     assert largest_load(large)[0] == pytest.approx(times**2 * largest_load(small)[0], rel=0.05)
 
 
