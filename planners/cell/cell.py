@@ -36,6 +36,7 @@ from planners.cell.asset_shelf import (
     read_mount_file,
     shipped_shelf,
 )
+from planners.cell.cell_size import size_of
 from planners.cell.cell_tool import CellTool, load_cell_tool
 from planners.cell.hand import Gripper, Pusher, load_hand
 from planners.contract.shapes import Box, InlineMesh
@@ -181,6 +182,11 @@ class Cell:
     def table_top(self) -> float:
         """Height of the table's top [m]."""
         return float(self.boxes[0].center[2] + 0.5 * self.boxes[0].size[2])
+
+    @cached_property
+    def size(self) -> float:
+        """How many times as large as the papers' laboratory it is, at least 1 [1]: lengths of planning grow with it."""
+        return size_of(self.arms.values())
 
     @property
     def joint_names(self) -> tuple[str, ...]:

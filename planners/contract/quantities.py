@@ -32,7 +32,7 @@ FrictionCoefficient = Annotated[float, Strict(), Field(ge=0.01, le=10.0, allow_i
 Eccentricity = Annotated[float, Strict(), Field(ge=1e-4, le=0.1, allow_inf_nan=False)]
 """Ratio of torsional to tangential friction of a soft finger [m]."""
 SOFT_FINGER_EPS = 0.0075
-"""That of rubber pads, as in paper B [m]; plate lifts may choose another, suction tools have this one."""
+"""That of rubber pads, as in paper B [m]; what a task may leave out."""
 PeelStiffness = Annotated[float, Strict(), Field(ge=1e-6, le=1e4, allow_inf_nan=False)]
 """The suction model's kappa: it multiplies a length, so it is a force [N]."""
 Factor = Annotated[float, Strict(), Field(ge=0.25, le=4.0, allow_inf_nan=False)]

@@ -269,6 +269,8 @@ class SuctionToolFriction(StrictModel):
 
     grip: FrictionCoefficient = 0.5
     environment: FrictionCoefficient = 0.4
+    eps: Eccentricity = Field(default=SOFT_FINGER_EPS, exclude_if=lambda eps: eps == SOFT_FINGER_EPS)
+    """Of a finger. Documents say it where it is not the default."""
 
 
 class SuctionToolOptions(PlanningOptions):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
 from planners.cell.arm import Arm
@@ -17,8 +17,8 @@ from planners.geometry.convex import CollisionBody, sorted_pair
 from planners.geometry.pose import Array, Transform, inverse
 
 NEAR = 0.003
-"""What parts of one arm keep from one another, and a hand from what it holds, whatever more a cell asks of others [m]:
-they belong close together, some links of a UR3e by 18 mm in every posture."""
+"""What parts of one arm keep from one another, and a hand from what it holds, whatever more a cell asks of others, in a
+cell of size 1 [m]: they belong close together, some links of a UR3e by 18 mm in every posture."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class Clearance:
     """Between what is held and the parts of the fingers next to the pads that hold it, or are about to [m]."""
     executed_share: float = 0.5
     """Part of all margins that timed motion must keep at its samples: motion is planned at fewer."""
+    most_near: float = field(default=NEAR, repr=False)
+    """`NEAR` in the size of the cell [m]. It follows from the cell alone, so that no key of stored data needs it."""
 
     def __post_init__(self) -> None:
         if min(self.margin, self.finger_margin, self.executed_share) < 0.0:
@@ -39,12 +41,18 @@ class Clearance:
     @classmethod
     def of(cls, cell: Cell) -> Self:
         """Return what a cell asks for, the defaults where it says nothing."""
-        return cls() if cell.margins is None else cls(margin=cell.margins.bodies)
+        near = cell.size * NEAR
+        return cls(most_near=near) if cell.margins is None else cls(margin=cell.margins.bodies, most_near=near)
 
     @property
     def near(self) -> float:
         """What is kept between parts of one arm, and between a hand and what it holds [m]."""
-        return min(self.margin, NEAR)
+        return min(self.margin, self.most_near)
+
+    @property
+    def steps(self) -> float:
+        """How many times as long as with `NEAR` steps of ways may be [1]: what is missed between two must not touch."""
+        return max(1.0, self.near / NEAR)
 
     def within_arms(self, bodies: Iterable[CollisionBody]) -> dict[NamePair, float]:
         """Return what parts of one arm keep from one another, of these bodies, where that is not the margin [m]."""

@@ -14,7 +14,7 @@ from planners.graph.rejections import Rejection, Rejections
 from planners.manipulation.graph.manipulation_graph import HandHold, ManipulationStateGraph, build_graph, edge_count
 from planners.manipulation.graph.rising_reach import RisingReach
 from planners.manipulation.lift_sampling import LiftSampling
-from planners.manipulation.motion.posture_follower import PostureFollower, PostureQueries
+from planners.manipulation.motion.posture_follower import PostureFollower, PostureQueries, SweepSettings
 from planners.manipulation.reach.hand_reach import Hand, HandReach, PairReach, PlateQuery
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
 from planners.manipulation.reach.reach_memory import ReachMemory
@@ -60,7 +60,11 @@ class LiftReach:
         pushes[blocked] = 0
         self.reached = ReachedPostures(self.pair, plates, (grips, pushes), whole=memory is not None)
         self.follower = PostureFollower(
-            sampling.poses, self.reached, _posture_queries(workcell, self.lifted), (sampling.grips, sampling.pushes)
+            sampling.poses,
+            self.reached,
+            _posture_queries(workcell, self.lifted),
+            (sampling.grips, sampling.pushes),
+            SweepSettings.of(workcell.scene.cell),
         )
         self._ruled_out = ruled_out
         self._whole: ManipulationStateGraph | None = None

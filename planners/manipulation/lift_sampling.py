@@ -25,7 +25,7 @@ from planners.manipulation.holds.pushes import (
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.reach.hand_reach import ALL_POSTURES
 from planners.manipulation.reach.lift_workcell import LiftWorkcell
-from planners.manipulation.statics.hold_balance import BalancePrograms, HoldBalance
+from planners.manipulation.statics.hold_balance import BalancePrograms, HoldBalance, MotionSampling
 from planners.manipulation.statics.lift_programs import balance_program, keeping_back, tolerant_program
 from planners.scene.lift_scene import PlateLiftScene
 
@@ -98,6 +98,7 @@ class LiftSampling:
             self.poses,
             [GripContacts(grip.points[0], grip.normals[0]) for grip in self.grips],
             [PushContact(push.point, push.normal) for push in self.pushes],
+            MotionSampling.of(self.scene.cell),
         )
 
     def keeping(self, reserve: float) -> Balance:

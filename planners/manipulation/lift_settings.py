@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from planners.cell.cell import Cell
+from planners.cell.cell_size import resized
 from planners.manipulation.contacts.dense_contact_states import ContactSampling
 from planners.manipulation.graph.manipulation_graph import TransitionCost
 from planners.manipulation.graph.node_examiner import Objective
@@ -56,6 +58,21 @@ class LiftSettings:
     """Share of poses and holds that is left then at least [1]: with fewer, nothing can be said of a lift."""
     largest_split: int = 400_000
     """Nodes above which no hold is split by its postures: then an edge of the sequence is given up instead."""
+
+    def in_cell(self, cell: Cell) -> LiftSettings:
+        """Return settings for a cell of any size; here they are those of size 1.
+
+        With lengths s times as long and masses s² times as large torques are s³ times as large, and weigh as much as
+        before beside costs that have no unit.
+        """
+        size = cell.size
+        grips = resized(
+            self.grips, size, "depth", "palm_clearance", "rim_tolerance", "opening_clearance", "cup_clearance"
+        )
+        sampling = resized(self.sampling, size, "first_layer", "lifted_step")
+        return replace(
+            resized(self, size, "rises"), grips=grips, sampling=sampling, costs=resized(self.costs, size**-3.0, "load")
+        )
 
     def scaled(self, contacts: float, holds: float) -> LiftSettings:
         """Return settings with so many times as many plate poses in contact, and grips and pushes."""

@@ -42,12 +42,13 @@ class PlateLiftPlanner:
 
         Args:
             scene: what is to be lifted, and where.
-            settings: budgets and choices.
+            settings: budgets and choices, with the lengths of a cell of size 1.
             progress: told what is being done.
             memory: of the reach in other lifts.
             proofs: of imbalance, found with another sampling. What they rule out is no part of the graph, so that more
                 poses and holds fit into memory; such a planner is for this scene's forces alone.
         """
+        settings = settings.in_cell(scene.cell)
         self.scene, self.settings, self._memory = scene, settings, memory
         self.record = LiftRecord(progress)
         self.sampling = LiftSampling.of(scene, settings)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from planners.contract.arrays import rounded, significant
-from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.geometry.pose import Array, pose_row, to_pose7s
 from planners.plan.contacts import Contact, EnvironmentContact, InertiaEntry, SoftFingerContact, SuctionContact
 from planners.plan.segment import Attachment, Grip, Hold, Segment, SegmentKind
@@ -113,7 +112,7 @@ def _contacts(segment: ToolSegment, places: Mapping[str, Array], scene: SuctionT
             case "soft_finger":
                 limit, mu = scene.finger_limit(force.by), scene.friction.grip
                 yield SoftFingerContact(
-                    **common, kind="soft_finger", mu=mu, eps=SOFT_FINGER_EPS, limit=limit, squeeze=scene.squeeze
+                    **common, kind="soft_finger", mu=mu, eps=scene.friction.eps, limit=limit, squeeze=scene.squeeze
                 )
             case "environment":
                 yield EnvironmentContact(**common, kind="environment", mu=scene.friction.environment, limit=None)

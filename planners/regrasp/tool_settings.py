@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 
 from planners.cell.cell import Cell
+from planners.cell.cell_size import resized
 from planners.geometry.pose import Transform
 from planners.motion.query import MotionSettings
 from planners.motion.timing import TimingSettings
@@ -13,6 +14,7 @@ from planners.regrasp.grasps.handovers import HandoverSettings
 from planners.regrasp.grasps.tool_grasps import Fingertips
 from planners.regrasp.statics.laden_arm import TorqueSettings
 from planners.regrasp.suction.suction_poses import SuctionSettings
+from planners.regrasp.tool_workcell import ToolClearance
 
 LYING = math.radians(45.0)
 """A tool whose axis is farther from the vertical lies [rad]."""
@@ -120,6 +122,8 @@ class ToolPlannerSettings:
     )
     timing: TimingSettings = field(default_factory=TimingSettings)
     stopover: StopoverSettings = field(default_factory=StopoverSettings)
+    fingertips: Fingertips = field(default_factory=Fingertips)
+    """How a tool that lies is held too."""
     most_handovers: int = 2
     """In each of the two rounds."""
     suction_group: int = 8
@@ -165,16 +169,29 @@ class ToolPlannerSettings:
 
     def with_fingertips(self) -> ToolPlannerSettings:
         """Return the settings for a tool that lies: hands may hold it by their fingertips too."""
-        grasps = replace(self.handovers.grasps, fingertips=Fingertips())
+        grasps = replace(self.handovers.grasps, fingertips=self.fingertips)
         return replace(self, handovers=replace(self.handovers, grasps=grasps))
 
     def in_cell(self, cell: Cell) -> ToolPlannerSettings:
-        """Return the settings with the collision margins that a cell asks for, if it asks for any."""
-        if cell.margins is None:
-            return self
-        handovers, clearance = self.handovers, replace(self.handovers.clearance, margin=cell.margins.bodies)
-        grasps = replace(handovers.grasps, margin=clearance.near)
-        return replace(self, handovers=replace(handovers, grasps=grasps, clearance=clearance))
+        """Return the settings with a cell's collision margins, and with the lengths and paces of its size.
+
+        Here they are those of size 1. With ways s times as long, speeds are √s times as large, come to with the same
+        acceleration, and times √s times as long; so turns take that, too, and samples are as far apart as they were.
+        """
+        size, root, clearance = cell.size, math.sqrt(cell.size), ToolClearance.of(cell)
+        grasps = self.handovers.grasps.in_cell(size, clearance)
+        carry = resized(self.carry, size, "unrest", "out_of_socket", "descent", "lift", "approach")
+        seconds = resized(self, root, "detour", "handover_seconds", "partner_weight")
+        return replace(
+            seconds,
+            suction=resized(self.suction, size, "border", "rim", "stand_off", "spacing", "finest", "cluster"),
+            handovers=replace(self.handovers, grasps=grasps, clearance=resized(clearance, size, "width_step")),
+            fingertips=resized(self.fingertips, size, "least", "most", "most_off_centre"),
+            carry=resized(carry, clearance.steps, "layer_step", "step"),
+            pace=resized(self.pace, root, "straight_speed", "carried_speed"),
+            carried=resized(resized(self.carried, root, "speed"), 1.0 / root, "turn", "sample_step"),
+            stopover=resized(self.stopover, size, "spacing", "clearances"),
+        )
 
     def hasty(self) -> ToolPlannerSettings:
         """Return the settings of somebody who gives up early; what they find is found with these too."""

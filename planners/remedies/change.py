@@ -28,7 +28,7 @@ _RESERVES = (0.2, 0.3)
 _DIGITS = 9
 """After the decimal point of what a patch writes."""
 _HEIGHTS = (0.05, 0.10, 0.20)
-"""By how much obstacles are made lower, or raised [m]."""
+"""By how much obstacles are made lower, or raised, in a cell of size 1 [m]."""
 _LOWEST = 0.01
 """What is left of their height at least [m]."""
 _STANDS = 0.005
@@ -135,7 +135,7 @@ def obstacle_moved(index: int, obstacle: Obstacle, way: Array) -> TaskChange:
 
 
 def obstacle_out_of_the_way(
-    index: int, obstacle: Obstacle, T_world_body: Transform, table_top: float
+    index: int, obstacle: Obstacle, T_world_body: Transform, table_top: float, size: float = 1.0
 ) -> Iterator[TaskChange]:
     """Yield changes of the height of an obstacle: what stands is made lower, what hangs is raised.
 
@@ -144,8 +144,9 @@ def obstacle_out_of_the_way(
         obstacle: as the task states it; one that is tilted, and a mesh, keeps its height.
         T_world_body: its frame.
         table_top: height of the table [m].
+        size: of the cell [1].
     """
-    for step in _HEIGHTS:
+    for step in (size * height for height in _HEIGHTS):
         found = _at_other_height(index, obstacle, T_world_body, table_top, step)
         if found is None:
             return
@@ -156,15 +157,16 @@ def obstacle_out_of_the_way(
 
 
 def obstacles_out_of_the_way(
-    bodies: Mapping[int, tuple[Obstacle, Transform]], table_top: float
+    bodies: Mapping[int, tuple[Obstacle, Transform]], table_top: float, size: float = 1.0
 ) -> Iterator[TaskChange]:
     """Yield changes of the heights of several obstacles at once, as far as each is high enough to be made lower.
 
     Args:
         bodies: by number in the task: as the task states it, and its frame.
         table_top: height of the table [m].
+        size: of the cell [1].
     """
-    for step in _HEIGHTS:
+    for step in (size * height for height in _HEIGHTS):
         steps: list[PatchOperation] = []
         lower, raised = list[str](), list[str]()
         for index, (obstacle, T_world_body) in bodies.items():

@@ -67,7 +67,7 @@ _MOST_FORCE = 10.0
 _FORCE_STEP = 0.5
 """How finely it is asked for [N]."""
 _SHIFTS = (0.010, 0.020, 0.030, 0.050, 0.080)
-"""How far the cup is moved straight on [m]."""
+"""How far the cup is moved straight on; like the distances below in a cell of size 1 [m]."""
 _SCALES = (0.5, 0.75, 1.25, 1.5)
 """How much farther from the plate's centre of mass, or nearer, it is moved [1]."""
 _TURNS = tuple(math.radians(sign * angle) for angle in (10, 20, 30, 45, 60, 90) for sign in (1, -1))
@@ -209,7 +209,7 @@ class LiftChanges:
         for angle in (math.radians(90), math.radians(-90), math.radians(45), math.radians(-45)):
             yield self._turned(angle)
         if self.task.support is None:
-            yield self._on_board(_BOARDS[0])
+            yield self._on_board(self.scene.cell.size * _BOARDS[0])
 
     def _best_cup_places(self) -> Iterator[TaskChange]:
         """Places where the strongest cup that is asked for keeps most back: a heavy plate seldom allows many."""
@@ -356,7 +356,9 @@ class LiftChanges:
         shifts += [(scale - 1.0) * offset for scale in _SCALES]
         quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
         shifts += [turned - offset for turned in (-offset, quarter @ offset, -quarter @ offset)]
-        shifts += [length * way @ self._rotation for length in _SHIFTS for way in straight_ways()]
+        shifts += [
+            self.scene.cell.size * length * way @ self._rotation for length in _SHIFTS for way in straight_ways()
+        ]
         yield from self._cup_moved(shifts)
 
     def _cup_moved(self, shifts: Iterable[Array]) -> Iterator[TaskChange]:
@@ -440,7 +442,7 @@ class LiftChanges:
     def _plate_ways(self) -> list[Array]:
         """Return ways (2,) for the plate [m], the least first: straight on, and towards where both arms reach best."""
         lengths = _WAYS if self._planner.out_of_reach() is None else _OUT_OF_REACH_WAYS
-        ways = [length * way for length in lengths for way in straight_ways()]
+        ways = [self.scene.cell.size * length * way for length in lengths for way in straight_ways()]
         if self._is_far_off:
             ways += [np.round(share * self._way_to_best, 2) for share in _TOWARDS_BEST]
         return sorted(ways, key=lambda way: round(float(np.linalg.norm(way)), 6))
@@ -471,7 +473,9 @@ class LiftChanges:
     def _board(self) -> Iterator[TaskChange | None]:
         """A board under a plate that hands cannot get beside on the bare table, or one as large as the plate."""
         given = self.scene.support_top - self.scene.cell.table_top
-        boards = _BOARDS if self.task.support is None else (given,) if self.scene.surface_beyond > _FLUSH else ()
+        boards = (given,) if self.scene.surface_beyond > _FLUSH else ()
+        if self.task.support is None:
+            boards = tuple(self.scene.cell.size * board for board in _BOARDS)
         yield from self._of((self._on_board(thickness) for thickness in boards), forces=False)
 
     def _on_board(self, thickness: float) -> TaskChange:
@@ -565,13 +569,13 @@ class LiftChanges:
 
     def _obstacle_height(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         T_world_body = self.scene.obstacles[index].T_world_body
-        return obstacle_out_of_the_way(index, obstacle, T_world_body, self.scene.cell.table_top)
+        return obstacle_out_of_the_way(index, obstacle, T_world_body, self.scene.cell.table_top, self.scene.cell.size)
 
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         """Move an obstacle straight away from the plate."""
         way = straightest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
         for length in _OBSTACLE_WAYS:
-            yield obstacle_moved(index, obstacle, length * way)
+            yield obstacle_moved(index, obstacle, self.scene.cell.size * length * way)
 
 
 def _other_lifter(name: str) -> TaskChange:

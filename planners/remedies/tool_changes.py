@@ -40,7 +40,7 @@ from planners.scene.suction_tool import tools_in
 from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
-"""How far things are moved [m]."""
+"""How far things are moved in a cell of size 1 [m]."""
 _NEARER = (1.0, 0.8, 0.6, 0.3)
 """How near to where both arms reach best things are moved that are farther off, the least way first, as shares of an
 arm's reach [1]."""
@@ -153,7 +153,7 @@ class ToolChanges:
                 if distance > near:
                     yield self._shifted(index, each, member, kind, sentence, np.round(way * (1.0 - near / distance), 2))
         towards, left, right, away = straight_ways()
-        for length in _WAYS:
+        for length in (self._cell.size * way for way in _WAYS):
             for index, each in self._objects:
                 off = np.array(getattr(each, member)[:2]) - self._middle
                 inwards, outwards = (right, left) if off @ left >= 0.0 else (left, right)
@@ -231,7 +231,7 @@ class ToolChanges:
             few = self._fewest(near)
             bodies = {index: (self.task.obstacles[index], self._scene.obstacles[index].T_world_body) for index in few}
             yield self._away(few)
-            yield from self._smallest(obstacles_out_of_the_way(bodies, self._cell.table_top))
+            yield from self._smallest(obstacles_out_of_the_way(bodies, self._cell.table_top, self._cell.size))
 
     def _smallest(self, changes: Iterable[TaskChange]) -> Iterator[TaskChange | None]:
         """Yield the smallest change of one way that helps and the largest, from the smallest on; None where none does.
@@ -289,7 +289,7 @@ class ToolChanges:
 
     def _heights(self, index: int) -> Iterator[TaskChange]:
         obstacle, T_world_body = self.task.obstacles[index], self._scene.obstacles[index].T_world_body
-        return obstacle_out_of_the_way(index, obstacle, T_world_body, self._cell.table_top)
+        return obstacle_out_of_the_way(index, obstacle, T_world_body, self._cell.table_top, self._cell.size)
 
     def _spots(self) -> Array:
         """Return where objects start and go to: (n, 2) [m, world]."""
@@ -302,7 +302,7 @@ class ToolChanges:
         off = place - spots[np.argmin(np.linalg.norm(spots - place, axis=1))]
         way = straightest(off)
         for length in _WAYS[1:]:
-            yield obstacle_moved(index, obstacle, length * way)
+            yield obstacle_moved(index, obstacle, self._cell.size * length * way)
 
     # The tool and what bears it.
 

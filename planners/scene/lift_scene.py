@@ -49,8 +49,8 @@ from planners.scene.rest import LevelFace, upper_surface
 from planners.scene.shape_source import ShapeSource, Uploads
 
 FINGER_GAP = 0.008
-"""Between each pad and the plate while the gripper is open around it [m]: fully open fingers would need more room
-under a tilted plate."""
+"""Between each pad and the plate while the gripper is open around it, in a cell of size 1 [m]: fully open fingers would
+need more room under a tilted plate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +219,7 @@ def _squeeze(task: PlateLiftTask, gripper: Gripper) -> float | None:
 
 
 def _open_around(plate: PlateBody, cell: Cell) -> float:
-    return min(plate.height + 2.0 * FINGER_GAP, cell.gripper(cell.gripper_arms[0]).width_max)
+    return min(plate.height + 2.0 * cell.size * FINGER_GAP, cell.gripper(cell.gripper_arms[0]).width_max)
 
 
 def _check_pad(task: PlateLiftTask, plate: PlateBody) -> None:

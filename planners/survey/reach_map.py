@@ -46,8 +46,8 @@ class ReachMapSettings:
     rolls: int = 8
     """Turns of a hand about the way it points, by equal steps."""
     height: float = 0.10
-    """Of the middle of a hand's pads, or of its tip, above the table [m]: whatever is lower is hindered by the table
-    itself, and depends on what lies there."""
+    """Of the middle of a hand's pads, or of its tip, above the table, in a cell of size 1 [m]: whatever is lower is
+    hindered by the table itself, and depends on what lies there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ def map_reach(cell: Cell, settings: ReachMapSettings | None = None, progress: Pr
     """
     settings = settings or ReachMapSettings()
     x, y = _grid(cell, settings.columns)
-    z = cell.table_top + settings.height
+    z = cell.table_top + cell.size * settings.height
     places = np.stack([*(axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")), np.full(x.size * y.size, z)], 1)
     reached, mass = {}, {}
     looker = HandLooker(cell, turns_about(DIRECTIONS.values(), settings.rolls))

@@ -122,8 +122,8 @@ def test_at_the_sides_the_tip_keeps_off_the_support_where_the_plate_is_thick_eno
     assert sides
     for push in sides:
         above_support = push.point[2] + 0.5 * height
-        assert above_support >= min(TIP + SAMPLING.tip_clearance, height - SAMPLING.top_margin) - 1e-12
-        assert push.point[2] == 0.0 or above_support <= TIP + SAMPLING.tip_clearance + 1e-12
+        assert above_support >= min(TIP + TIP * SAMPLING.tip_clearance, height - TIP * SAMPLING.top_margin) - 1e-12
+        assert push.point[2] == 0.0 or above_support <= TIP + TIP * SAMPLING.tip_clearance + 1e-12
 
 
 def test_the_retreat_leaves_the_plate_and_moves_the_stick_back(plate):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.documents import bodies_of
+from support.scaled_cell import scaled_cell
 
 from app.viewer.drawing.camera import FIELD_OF_VIEW, NO_OBSTACLES, VIEWS
 from planners.cell.cell import known_cells, load_cell
@@ -75,3 +78,11 @@ def test_seen_from_the_top_the_table_lies_straight_with_the_arms_above_it(cell: 
     assert near_left[1] == pytest.approx(near_right[1])
     assert far_left[1] == pytest.approx(far_right[1])
     assert near_left[1] > far_left[1]
+
+
+@pytest.mark.parametrize("view", sorted(VIEWS))
+def test_a_cell_twice_as_large_is_looked_at_from_twice_as_far(view: str, tmp_path: Path) -> None:
+    """To a millimetre: few corners stand for a link, to 0.2 mm in a cell of any size."""
+    cells = ((1.0, load_cell("dual_ur3e_lift")), (2.0, scaled_cell("dual_ur3e_lift", 2.0, tmp_path)))
+    small, large = (np.array(VIEWS[view].place(cell, times * LARGE_PLATE)) for times, cell in cells)
+    assert large == pytest.approx(2.0 * small, abs=1e-3)

@@ -26,10 +26,10 @@ class View:
     """The direction that a camera looks from, along the world's axes."""
 
     toward_camera: tuple[float, float, float]
-    """From what is looked at; its length is the distance [m] where the body that is moved is looked at, and means
-    nothing where the cell is."""
+    """From what is looked at; its length is the distance in a cell of size 1 [m] where the body that is moved is
+    looked at, and means nothing where the cell is."""
     above_body: float | None = None
-    """So far above the body that is moved, wherever it is, is what is looked at [m]; None: the cell is."""
+    """So far above the body that is moved, wherever it is, is what is looked at, likewise [m]; None: the cell is."""
 
     def place(self, cell: Cell, body_position: Array, obstacles: Array = NO_OBSTACLES) -> tuple[Array, Array]:
         """Return where a camera is and what it looks at (3,), both in the world [m].
@@ -47,8 +47,8 @@ class View:
                 np.vstack([points, np.clip(obstacles, low - beyond * [1.0, 1.0, 0.0], high + beyond)]),
                 np.array(self.toward_camera),
             )
-        target = body_position + np.array([0.0, 0.0, self.above_body])
-        return target + self.toward_camera, target
+        target = body_position + cell.size * np.array([0.0, 0.0, self.above_body])
+        return target + cell.size * np.array(self.toward_camera), target
 
 
 @dataclass(frozen=True)

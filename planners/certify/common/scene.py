@@ -17,12 +17,14 @@ from planners.certify.motion.solids import gripper_of
 from planners.certify.plan_view import BodyView, MalformedDocument, shape_of
 from planners.certify.settings import CertifySettings
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
-from planners.contract.task_spec import PlateLiftTask, SuctionToolTask
+from planners.contract.task_spec import PlateLiftTask, SuctionToolFriction, SuctionToolTask
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument, CellDocument
 from planners.plan.verdicts import Check
 
+_KNOWN_HERE = {(SuctionToolFriction, "eps")}
+"""What documents say only where it is not what it was before a task could say it, which the certificate knows."""
 _OPTIONAL = frozenset(
     {
         *("contact_model", "mass_tolerance", "com_tolerance", "squeeze", "carry_force_limit"),
@@ -74,7 +76,7 @@ def require_stated(stated: Any, pointer: str = "/task") -> None:
         for name in type(stated).model_fields:
             if name in stated.model_fields_set:
                 require_stated(getattr(stated, name), f"{pointer}/{name}")
-            elif name not in _OPTIONAL:
+            elif name not in _OPTIONAL and (type(stated), name) not in _KNOWN_HERE:
                 raise MalformedDocument(f"{pointer}/{name}", "is missing")
 
 

@@ -23,7 +23,7 @@ from planners.plan.verdicts import Check
 
 TOOL = "tool"
 _EPS = 0.0075
-"""Torsional friction of a finger, which no suction-tool task states [m]; as in plate lifts. The planner has the same
+"""Torsional friction of a finger where a task does not state it [m]; as in plate lifts. The planner has the same
 number: the certificate has its own, so that no slip there goes unseen here."""
 
 
@@ -92,7 +92,8 @@ class ToolTask:
         """Return what contacts can bear in a plan's cell."""
         friction, most = self.stated.friction, self.stated.grip_force_limit
         mus = {"soft_finger": friction.grip, "environment": friction.environment}
-        return ContactLimits(mus, _EPS, most, self.carry_limits(plan), self.cup, "dexnet", pads=most)
+        eps = friction.eps if "eps" in friction.model_fields_set else _EPS
+        return ContactLimits(mus, eps, most, self.carry_limits(plan), self.cup, "dexnet", pads=most)
 
     def carry_limits(self, plan: PlanView) -> dict[str, float]:
         """Return the net force that each hand may exert on the tool [N]."""

@@ -32,6 +32,8 @@ class TransitionCost:
     """Cost of a transfer within one contact state, eq. (6)."""
     omega: float = 1.0
     """Weight of a change of contact state, eq. (9)."""
+    load: float = 1.0
+    """Weight of a node's load, its part of eq. (10), in a cell of size 1 [1/Nm]."""
 
     def same_contact(self) -> float:
         """Cost of moving the plate within one contact state with one hold, eq. (6)."""
@@ -85,6 +87,8 @@ class ManipulationStateGraph:
     them, ordered by motion; each kind of transit is ordered by pose."""
     starts: tuple[int, ...]
     goal: NDArray[np.bool_]
+    load_weight: float
+    """Of a node's load, see `TransitionCost.load`."""
     knowledge: Knowledge = field(repr=False)
     lost_starts: set[int] = field(default_factory=set)
     """Start nodes that no hand can come to."""
@@ -240,6 +244,7 @@ def build_graph(
         first_transits=(len(transfer[0]), len(transfer[0]) + len(push_comes)),
         starts=tuple(int(n) for n in np.nonzero((node_pose == poses.flat) & single)[0]),
         goal=high[node_pose] & (node_grip > 0) & (node_push > 0),
+        load_weight=costs.load,
         knowledge=Knowledge.none(graph),
     )
 

@@ -23,7 +23,7 @@ from planners.manipulation.statics.lift_torques import TORQUE_RESERVE
 Objective = Literal["cost", "force"]
 STANDARD_GRAVITY = np.array([0.0, 0.0, -9.81])
 _LOAD_STEP = 1e-6
-"""Loads are rounded to this [Nm or N]: the solver's last digits must not decide between paths."""
+"""Loads by their weight are rounded to this: the solver's last digits must not decide between paths."""
 
 
 class NodeExaminer:
@@ -68,7 +68,7 @@ class NodeExaminer:
             knowledge.status[node] = DEAD
             return
         load = answer.f_plus_gp if self.minimise == "force" else self._torque(pose, grip, push, answer)
-        knowledge.load[node] = whole(round(load / _LOAD_STEP) * _LOAD_STEP)
+        knowledge.load[node] = whole(round(self.graph.load_weight * load / _LOAD_STEP) * _LOAD_STEP)
         knowledge.status[node] = ALIVE
         if self.rising is not None and self.graph.goal[node] and grip is not None and push is not None:
             self.graph.goal[node] = self.rising.bears(pose, grip, push)

@@ -31,16 +31,18 @@ class PushSampling:
 
     count: int = 16
     """Stations on the rim of paper B's square, times four pushes its 64 (Table III); else see `rim.station_count`."""
-    corner_margin: float = 0.015
-    """Least distance of a contact from the neighbouring sides [m]: a tip and a half; our choice."""
-    tip_clearance: float = 0.005
-    """Least distance of the tip at a side from what the plate lies on [m]: thin plates are pushed above the middle."""
-    top_margin: float = 0.003
-    """Least distance of a side contact from the top face [m]; our choice ..."""
+    corner_margin: float = 1.5
+    """Least distance of a contact from the neighbouring sides [radii of the tip]; our choice."""
+    tip_clearance: float = 0.5
+    """Least distance of the tip at a side from what the plate lies on [radii of the tip]: thin plates are pushed above
+    the middle."""
+    top_margin: float = 0.3
+    """Least distance of a side contact from the top face [radii of the tip]; our choice ..."""
     least_top_margin: float = 0.001
-    """... and where that leaves no room above what the plate lies on: plates lie true to 1 mm, as tasks may state."""
-    bottom_depth: float = 0.02
-    """From the side face to the contacts under the plate [m]; our choice."""
+    """... and where that leaves no room above what the plate lies on [m]: plates lie true to 1 mm, as tasks may
+    state."""
+    bottom_depth: float = 2.0
+    """From the side face to the contacts under the plate [radii of the tip]; our choice."""
     side_elevations: tuple[float, ...] = (math.radians(20.0), math.radians(50.0))
     """Of the stick above the plate's plane, at side contacts [rad]; found by trying."""
     bottom_elevation: float = math.radians(20.0)
@@ -107,15 +109,18 @@ def generate_pushes(
             `lowest_contact`.
     """
     sampling = sampling or PushSampling()
+    aside, under = tip_radius * sampling.corner_margin, tip_radius * sampling.bottom_depth
     # The patch starts a little inside, so that the nearly straight corners of a round outline do not count.
-    patch = RimPatch(sampling.corner_margin, 0.1 * sampling.corner_margin, sampling.bottom_depth)
+    patch = RimPatch(aside, 0.1 * aside, under)
     # A little higher than the lowest, so that rounding decides nothing.
-    below_top = min(sampling.top_margin, max(sampling.least_top_margin, plate.height - lowest - _CLEARLY))
-    height = max(0.0, min(tip_radius + sampling.tip_clearance - 0.5 * plate.height, 0.5 * plate.height - below_top))
+    below_top = min(tip_radius * sampling.top_margin, max(sampling.least_top_margin, plate.height - lowest - _CLEARLY))
+    height = max(
+        0.0, min(tip_radius + tip_radius * sampling.tip_clearance - 0.5 * plate.height, 0.5 * plate.height - below_top)
+    )
     contacts = [
         contact
         for station in rim_stations(plate.outline, sampling.count, patch, reach)
-        for contact in (*_side_contacts(station, height, sampling), *_bottom_contacts(station, plate, sampling))
+        for contact in (*_side_contacts(station, height, sampling), *_bottom_contacts(station, plate, under, sampling))
         if _angle(contact[2], contact[1]) <= sampling.axis_angle_max + 1e-9
     ]
     return tuple(_push(index, contact, tip_radius, sampling.rolls) for index, contact in enumerate(contacts))
@@ -177,10 +182,10 @@ def _side_contacts(station: RimStation, height: float, sampling: PushSampling) -
     ]
 
 
-def _bottom_contacts(station: RimStation, plate: ConvexPrism, sampling: PushSampling) -> list[_Contact]:
-    """Under the plate, the stick coming from outside the rim and below."""
+def _bottom_contacts(station: RimStation, plate: ConvexPrism, depth: float, sampling: PushSampling) -> list[_Contact]:
+    """Under the plate, as far from the side face as told [m], the stick coming from outside the rim and below."""
     inward, along = np.array([*station.inward, 0.0]), np.array([*station.along, 0.0])
-    point = np.array([*(station.point + sampling.bottom_depth * station.inward), -0.5 * plate.height])
+    point = np.array([*(station.point + depth * station.inward), -0.5 * plate.height])
     level, rise = math.cos(sampling.bottom_elevation), math.sin(sampling.bottom_elevation)
     return [
         (point, _UP, level * (math.cos(azimuth) * inward + math.sin(azimuth) * along) + rise * _UP)

@@ -6,11 +6,13 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
 from planners.balance.balanced import Balanced, Unbalanced
+from planners.cell.cell import Cell
+from planners.cell.cell_size import resized
 from planners.collision.model import Attached, CollisionQuery
 from planners.geometry.pose import Array, Transform, inverse
 from planners.graph.rejections import Rejection
@@ -65,6 +67,11 @@ class PaceSettings:
     set_pause: float = 0.24
     """Longest time between two contact sets while the plate rests [s]: the document's rule is 0.25 s."""
 
+    @classmethod
+    def of(cls, cell: Cell) -> Self:
+        """Return that of a cell; here it is of one of size 1. Longer ways are gone faster, as quickly sped up."""
+        return resized(cls(), math.sqrt(cell.size), "plate_speed", "approach_speed")
+
 
 PERSISTENCE = 4
 """A search for a free motion that was exhausted is tried once more with this many times its iterations."""
@@ -116,7 +123,7 @@ class Choreographer:
         self.free = FreeMotion(motion or MotionSettings(), rng, persistence=PERSISTENCE)
         self.free_motions: dict[tuple[object, ...], tuple[Trajectory, int] | Rejection] = {}
         """With the goal that each leads to, or why none was found: many sequences ask for the same one."""
-        self.pace = pace or PaceSettings()
+        self.pace = pace or PaceSettings.of(workcell.scene.cell)
         self.timing = timing or TimingSettings()
         arms = [workcell.arm(name) for name in ("left", "right")]
         self.limits = JointLimits(

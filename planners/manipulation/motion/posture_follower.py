@@ -8,12 +8,16 @@ reported as a failure that the search must respect.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
+from planners.cell.cell import Cell
+from planners.cell.cell_size import resized
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array
 from planners.hands.arm_motion import among_all, touching
+from planners.hands.workcell import Clearance
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
 from planners.manipulation.holds.grips import PlateGrip
 from planners.manipulation.holds.pushes import PlatePush
@@ -33,6 +37,12 @@ class SweepSettings:
     """Straight way of the gripper onto the plate and off it [m]: the authors' value."""
     push_approach: float = 0.040
     """Straight way of the stick's tip onto the plate and off it [m]."""
+
+    @classmethod
+    def of(cls, cell: Cell) -> Self:
+        """Return those of a cell: here they are of one of size 1 that keeps the usual margins."""
+        ways = resized(cls(), cell.size, "grip_approach", "push_approach")
+        return resized(ways, Clearance.of(cell).steps, "plate_step", "approach_step")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from planners.balance.cone_program import ConeProgram
 from planners.balance.contacts import GripContacts, PushContact
 from planners.balance.proofs import TwistTable
 from planners.balance.solver import Balance
+from planners.cell.cell import Cell
+from planners.cell.cell_size import resized
 from planners.geometry.pose import Array, Transform
 from planners.graph.rejections import Rejection
 from planners.manipulation.contacts.dense_contact_states import DenseContactStateGraph, PlateMotion
@@ -41,6 +43,11 @@ class MotionSampling:
     """Way of the centre of mass [m]."""
     end: float = 1e-3
     """How close to the ends, where a contact was just given up [part of the motion]."""
+
+    @classmethod
+    def of(cls, cell: Cell) -> Self:
+        """Return that of a cell: here it is of one of size 1."""
+        return resized(cls(), cell.size, "com_step")
 
     def parameters(self, motion: PlateMotion) -> Array:
         """Return rising parameters (m,) strictly between 0 and 1."""

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from planners.cell.cell_size import resized
 from planners.cell.hand import Gripper
 from planners.collision.kernel import CollisionKernel, first_collision, make_scratch, set_frame
 from planners.collision.model import CollisionModel, Fixed
@@ -16,6 +17,7 @@ from planners.errors import LiftwrightError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, frame_from_z, inverse, rotation_z, transform
 from planners.graph.rejections import Rejection
+from planners.hands.workcell import Clearance
 from planners.regrasp.grasps.pad_contacts import PadContacts, PadContactSettings, all_pad_contacts, spread
 from planners.regrasp.tool_workcell import TOOL_FRAME
 from planners.scene.suction_tool import SuctionTool
@@ -83,6 +85,15 @@ class ToolGraspSettings:
             or min(self.approach, self.least_gap, self.lip_clearance) < 0.0
         ):
             raise LiftwrightError("grasps have positive counts, a positive step and no negative length")
+
+    def in_cell(self, size: float, clearance: Clearance) -> ToolGraspSettings:
+        """Return those of a cell of another size than 1, with what bodies keep apart there."""
+        contacts = resized(
+            self.contacts, size, "grid", "spacing", "patch_radius", "compliance", "pad_radius", "most_off_centre"
+        )
+        lengths = resized(self, size, "lip_clearance", "finger_gap", "least_gap", "approach", "pad_depth")
+        steps = resized(lengths, clearance.steps, "step")
+        return replace(steps, contacts=contacts, margin=clearance.near)
 
     def way(self) -> Array:
         """Return the checked distances (k,) from the grasp along the approach, 0 first [m]."""

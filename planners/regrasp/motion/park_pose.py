@@ -12,7 +12,7 @@ from planners.regrasp.tool_workcell import TOOL_FRAME, ToolWorkcell
 from planners.scene.tool_scene import SuctionToolScene
 
 CLEARANCE = 0.02
-"""Least distance of a parked arm from everything that stands about [m]."""
+"""Least distance of a parked arm from everything that stands about, in a cell of size 1 [m]."""
 _STEPS = (0.0, 0.35, -0.35, 0.7, -0.7)
 """Turns of the shoulder and the elbow that are tried [rad]."""
 
@@ -41,7 +41,7 @@ def park_poses(scene: SuctionToolScene, workcell: ToolWorkcell) -> dict[str, Arr
     parked = {}
     for arm in workcell.cell.arms:
         model = workcell.model(scene.start_widths)
-        margin, chosen = max(CLEARANCE, workcell.settings.margin), workcell.with_arm(arm)
+        margin, chosen = max(workcell.cell.size * CLEARANCE, workcell.settings.margin), workcell.with_arm(arm)
         queries = [model.scene({**tool, **objects}, margin=margin, only=chosen) for objects in placements]
         parked[arm] = _first_free(scene, workcell, arm, queries)
     return parked

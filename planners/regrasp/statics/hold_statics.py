@@ -19,7 +19,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform
 from planners.geometry.wrench import in_axes, wrench_about
@@ -336,7 +335,7 @@ class HoldStatics:
         return self._squeezed(holds[0], share * asked[0]), self._squeezed(holds[1], (1.0 - share) * asked[1])
 
     def _squeezed(self, hold: ToolHold, asked: Array) -> FingerForces:
-        return squeezed(asked, hold.width, self.scene.friction.grip, SOFT_FINGER_EPS, self.scene.squeeze)
+        return squeezed(asked, hold.width, self.scene.friction.grip, self.scene.friction.eps, self.scene.squeeze)
 
     def _uses(self, hold: ToolHold, exerted: FingerForces) -> list[_Use]:
         """Return what is used of a hand: friction, what its fingers can press beyond the squeeze, what it may carry."""
@@ -371,7 +370,7 @@ class HoldStatics:
                 "grip", PRESSED, where, float(hand.normals[sample].max()), scene.grip_force_limit, "N"
             )
         asked = _exerted(hand.forces[sample], hand.torques[sample], hold.width)
-        needed = float(least_squeeze(asked[None], hold.width, scene.friction.grip, SOFT_FINGER_EPS)[0])
+        needed = float(least_squeeze(asked[None], hold.width, scene.friction.grip, scene.friction.eps)[0])
         return Rejection.measured("grip", UNGRIPPED, where, needed, scene.squeeze, "N")
 
     def _resting(self, segment: ToolSegment, places: Mapping[str, Transform]) -> tuple[RestingPoints, Array | None]:

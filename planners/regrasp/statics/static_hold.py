@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planners.cell.arm import Arm
-from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 from planners.kinematics.inverse import multiply
@@ -68,7 +67,7 @@ class StaticHold:
             masses=masses,
             centres=centres,
             cup=np.array([cup.max_force, cup.mu, cup.radius, math.pi * cup.radius * cup.kappa]),
-            fingers=np.array([self.scene.squeeze, self.scene.grip_force_limit, mu, SOFT_FINGER_EPS]),
+            fingers=np.array([self.scene.squeeze, self.scene.grip_force_limit, mu, self.scene.friction.eps]),
         )
 
     def hanging(self, load: CarriedLoad, T_world_tools: Array) -> NDArray[np.bool_]:
