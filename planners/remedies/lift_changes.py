@@ -195,9 +195,31 @@ class LiftChanges:
         """Return two changes at once, for where no single one helps: other places with other forces."""
         if not self._planner.capacity().suffices:
             return [] if self._place_is_open else [self._with_forces(self._best_cup_places())]
-        if self._planner.proof() is not None or self._is_too_thin:
+        if self._planner.proof() is not None:
             return []
+        if self._is_too_thin:
+            return self._on_a_board()
         return [self._with_forces(each) for each in (self._first_cup_places(), self._first_plate_places())]
+
+    def _on_a_board(self) -> list[Iterator[TaskChange | None]]:
+        """Return changes of a thin plate's cup on a board: where hands have room, what they bear decides."""
+        board = next(map(self._on_board, self._boards), None)
+        lifted = None if board is None else board.applied(self.task)
+        if board is None or lifted is None or self._effort.ended or board.built(self.task, self._build) is None:
+            return []
+        self._effort.take(_STEPS_OF_REACH)
+        other = LiftChanges(
+            lifted,
+            self._build,
+            self._asked,
+            self._effort,
+            self._progress,
+            self._memory,
+            place_is_open=self._place_is_open,
+        )
+        if other._planner.proof() is not None or other._is_too_thin:
+            return []
+        return [_after(board, each) for each in (other._cup_place(), other._cup_force())]
 
     def _first_cup_places(self) -> Iterator[TaskChange]:
         """Places of the cup that differ most from the stated one: on the other sides of the plate."""
@@ -470,9 +492,15 @@ class LiftChanges:
 
     def _board(self) -> Iterator[TaskChange | None]:
         """A board under a plate that hands cannot get beside on the bare table, or one as large as the plate."""
+        yield from self._of(map(self._on_board, self._boards), forces=False)
+
+    @property
+    def _boards(self) -> tuple[float, ...]:
+        """Thickness [m] of the boards that help, the thinnest first; none where one as large as the plate is there."""
+        if self.task.support is None:
+            return _BOARDS
         given = self.scene.support_top - self.scene.cell.table_top
-        boards = _BOARDS if self.task.support is None else (given,) if self.scene.surface_beyond > _FLUSH else ()
-        yield from self._of((self._on_board(thickness) for thickness in boards), forces=False)
+        return (given,) if self.scene.surface_beyond > _FLUSH else ()
 
     def _on_board(self, thickness: float) -> TaskChange:
         """Put the plate on a board of its own outline: hands come beside its edges, lower than the plate."""
@@ -572,6 +600,12 @@ class LiftChanges:
         way = straightest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
         for length in _OBSTACLE_WAYS:
             yield obstacle_moved(index, obstacle, length * way)
+
+
+def _after(first: TaskChange, seconds: Iterator[TaskChange | None]) -> Iterator[TaskChange | None]:
+    """Yield each of several changes after a first one, in their order of ways and sizes."""
+    for second in seconds:
+        yield None if second is None else replace(first.then(second), way=second.way, size=second.size)
 
 
 def _other_lifter(name: str) -> TaskChange:
