@@ -62,6 +62,8 @@ _MORE_FORCE = 4.0
 """A cup of so many times the stated one's force is asked for [1] ..."""
 _BEYOND_NEEDED = 2.0
 """... or so many times the force without which robot and lifter do not bear the weight, if that is more [1] ..."""
+_BEYOND_ALONE = 1.25
+"""... or so many times that with which the lifter bears it alone: of a flat plate hands bear little [1] ..."""
 _MOST_FORCE = 10.0
 """... but of no more than so many times the stated one's [1]."""
 _FORCE_STEP = 0.5
@@ -193,12 +195,12 @@ class LiftChanges:
 
     def in_pairs(self) -> list[Iterator[TaskChange | None]]:
         """Return two changes at once, for where no single one helps: other places with other forces."""
+        if self._is_too_thin:
+            return self._on_a_board()
         if not self._planner.capacity().suffices:
             return [] if self._place_is_open else [self._with_forces(self._best_cup_places())]
         if self._planner.proof() is not None:
             return []
-        if self._is_too_thin:
-            return self._on_a_board()
         return [self._with_forces(each) for each in (self._first_cup_places(), self._first_plate_places())]
 
     def _on_a_board(self) -> list[Iterator[TaskChange | None]]:
@@ -217,9 +219,11 @@ class LiftChanges:
             self._memory,
             place_is_open=self._place_is_open,
         )
-        if other._planner.proof() is not None or other._is_too_thin:
+        if other._is_too_thin or other._planner.out_of_reach() is not None:
             return []
-        return [_after(board, each) for each in (other._cup_place(), other._cup_force())]
+        # Where robot and lifter bear less than the plate weighs, no place of the cup helps.
+        kinds = [other._cup_place()] if other._planner.capacity().suffices else []
+        return [_after(board, each) for each in (*kinds, other._cup_force())]
 
     def _first_cup_places(self) -> Iterator[TaskChange]:
         """Places of the cup that differ most from the stated one: on the other sides of the plate."""
@@ -357,7 +361,8 @@ class LiftChanges:
         capacity, stated = self._planner.capacity(), self.task.cup.max_force
         # What the cup carries is proportional to its force, whatever the lifter's model.
         needed = (capacity.needed - capacity.gripper - capacity.pusher) / capacity.cup
-        most = min(max(_MORE_FORCE, _BEYOND_NEEDED * needed), _MOST_FORCE)
+        alone = capacity.needed / capacity.cup
+        most = min(max(_MORE_FORCE, _BEYOND_NEEDED * needed, _BEYOND_ALONE * alone), _MOST_FORCE)
         return max(2, math.ceil((most - 1.0) * stated / _FORCE_STEP))
 
     def _stronger(self, steps: int) -> TaskChange:
