@@ -170,16 +170,23 @@ _POSES = frozenset({"plate_pose", "pose", "goal_pose", "tool_pose"})
 """Members whose first three numbers are."""
 
 
+_A_POSE = "a pose is [x, y, z, qw, qx, qy, qz]"
+
+
 def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
     kind, context, message = fault["type"], fault.get("ctx", {}), fault["msg"]
+    if kind == "missing" and _is_of_a_pose(path):
+        return f"{_SENTENCES[kind]}: {_A_POSE}"
     if kind in _SENTENCES:
         return _SENTENCES[kind]
     if kind in ("union_tag_invalid", "literal_error"):
         return "is none of the valid choices"
     if kind in ("less_than_equal", "greater_than_equal") and _is_length(path):
         message = f"{message} metres" + (": is it in millimetres?" if kind == "less_than_equal" else "")
+    elif kind in ("less_than_equal", "greater_than_equal") and _is_of_a_pose(path):
+        message = f"{message}: {_A_POSE}"
     elif kind in ("less_than_equal", "greater_than_equal") and path and path[-1] == "mass":
-        message = f"{message} kg"
+        message = f"{message} kg" + (": is it in grams?" if kind == "less_than_equal" else "")
     if kind == "too_long":
         return f"has too many items: {context['max_length']} are expected"
     if kind == "string_pattern_mismatch":
@@ -190,7 +197,12 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
 def _is_length(path: Sequence[str | int]) -> bool:
     if _IN_METRES.intersection(map(str, path)):
         return True
-    return len(path) > 1 and path[-2] in _POSES and path[-1] in (0, 1, 2)
+    return _is_of_a_pose(path) and path[-1] in (0, 1, 2)
+
+
+def _is_of_a_pose(path: Sequence[str | int]) -> bool:
+    """Tell whether a path leads to one of the numbers of a pose."""
+    return len(path) > 1 and path[-2] in _POSES
 
 
 _TAGGED = ("kind", "type")

@@ -62,6 +62,8 @@ _MORE_FORCE = 4.0
 """A cup of so many times the stated one's force is asked for [1] ..."""
 _BEYOND_NEEDED = 2.0
 """... or so many times the force without which robot and lifter do not bear the weight, if that is more [1] ..."""
+_BEYOND_ALONE = 1.25
+"""... or so many times that with which the lifter bears it alone: of a flat plate hands bear little [1] ..."""
 _MOST_FORCE = 10.0
 """... but of no more than so many times the stated one's [1]."""
 _FORCE_STEP = 0.5
@@ -193,11 +195,35 @@ class LiftChanges:
 
     def in_pairs(self) -> list[Iterator[TaskChange | None]]:
         """Return two changes at once, for where no single one helps: other places with other forces."""
+        if self._is_too_thin:
+            return self._on_a_board()
         if not self._planner.capacity().suffices:
             return [] if self._place_is_open else [self._with_forces(self._best_cup_places())]
-        if self._planner.proof() is not None or self._is_too_thin:
+        if self._planner.proof() is not None:
             return []
         return [self._with_forces(each) for each in (self._first_cup_places(), self._first_plate_places())]
+
+    def _on_a_board(self) -> list[Iterator[TaskChange | None]]:
+        """Return changes of a thin plate's cup on a board: where hands have room, what they bear decides."""
+        board = next(map(self._on_board, self._boards), None)
+        lifted = None if board is None else board.applied(self.task)
+        if board is None or lifted is None or self._effort.ended or board.built(self.task, self._build) is None:
+            return []
+        self._effort.take(_STEPS_OF_REACH)
+        other = LiftChanges(
+            lifted,
+            self._build,
+            self._asked,
+            self._effort,
+            self._progress,
+            self._memory,
+            place_is_open=self._place_is_open,
+        )
+        if other._is_too_thin or other._planner.out_of_reach() is not None:
+            return []
+        # Where robot and lifter bear less than the plate weighs, no place of the cup helps.
+        kinds = [other._cup_place()] if other._planner.capacity().suffices else []
+        return [_after(board, each) for each in (*kinds, other._cup_force())]
 
     def _first_cup_places(self) -> Iterator[TaskChange]:
         """Places of the cup that differ most from the stated one: on the other sides of the plate."""
@@ -335,7 +361,8 @@ class LiftChanges:
         capacity, stated = self._planner.capacity(), self.task.cup.max_force
         # What the cup carries is proportional to its force, whatever the lifter's model.
         needed = (capacity.needed - capacity.gripper - capacity.pusher) / capacity.cup
-        most = min(max(_MORE_FORCE, _BEYOND_NEEDED * needed), _MOST_FORCE)
+        alone = capacity.needed / capacity.cup
+        most = min(max(_MORE_FORCE, _BEYOND_NEEDED * needed, _BEYOND_ALONE * alone), _MOST_FORCE)
         return max(2, math.ceil((most - 1.0) * stated / _FORCE_STEP))
 
     def _stronger(self, steps: int) -> TaskChange:
@@ -472,11 +499,15 @@ class LiftChanges:
 
     def _board(self) -> Iterator[TaskChange | None]:
         """A board under a plate that hands cannot get beside on the bare table, or one as large as the plate."""
-        given = self.scene.support_top - self.scene.cell.table_top
-        boards = (given,) if self.scene.surface_beyond > _FLUSH else ()
+        yield from self._of(map(self._on_board, self._boards), forces=False)
+
+    @property
+    def _boards(self) -> tuple[float, ...]:
+        """Thickness [m] of the boards that help, the thinnest first; none where one as large as the plate is there."""
         if self.task.support is None:
-            boards = tuple(self.scene.cell.size * board for board in _BOARDS)
-        yield from self._of((self._on_board(thickness) for thickness in boards), forces=False)
+            return tuple(self.scene.cell.size * board for board in _BOARDS)
+        given = self.scene.support_top - self.scene.cell.table_top
+        return (given,) if self.scene.surface_beyond > _FLUSH else ()
 
     def _on_board(self, thickness: float) -> TaskChange:
         """Put the plate on a board of its own outline: hands come beside its edges, lower than the plate."""
@@ -576,6 +607,12 @@ class LiftChanges:
         way = straightest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
         for length in _OBSTACLE_WAYS:
             yield obstacle_moved(index, obstacle, self.scene.cell.size * length * way)
+
+
+def _after(first: TaskChange, seconds: Iterator[TaskChange | None]) -> Iterator[TaskChange | None]:
+    """Yield each of several changes after a first one, in their order of ways and sizes."""
+    for second in seconds:
+        yield None if second is None else replace(first.then(second), way=second.way, size=second.size)
 
 
 def _other_lifter(name: str) -> TaskChange:

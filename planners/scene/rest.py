@@ -273,4 +273,9 @@ def _is_steady(face: FlatFace, com: Array) -> bool:
 
 
 def _nearest(face: FlatFace, T_world_body: Transform, below: Sequence[LevelFace]) -> LevelFace:
-    return min(below, key=lambda place: float(np.abs(gaps(face, T_world_body, place.height)).max()))
+    """Return the place to which a body is nearest: over the table none under it, where nothing is put down."""
+    top = max((place.height for place in below if place.name == "table"), default=-math.inf)
+    return min(
+        (place for place in below if place.height >= top),
+        key=lambda place: float(np.abs(gaps(face, T_world_body, place.height)).max()),
+    )

@@ -233,7 +233,7 @@ def test_a_solved_plan_tells_its_smallest_reserve_and_whether_it_is_certified(
         "reserve:        12.3 % (cup, 7.2 s); the most that was found, 20 % was asked for"
         in summarise(wanting).splitlines()
     )
-    assert ("joint torque:   0.30 left (an elbow)" in lines) == (certificate is not None)
+    assert ("joint torque:   30 % left (an elbow)" in lines) == (certificate is not None)
     (told,) = (line for line in lines if line.startswith("certificate:"))
     passed = certificate is not None and certificate["passed"]
     assert ("passed" in told, is_certified(plan)) == (passed, passed)

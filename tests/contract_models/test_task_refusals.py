@@ -204,6 +204,18 @@ def test_a_position_out_of_range_is_told_its_unit(change, pointer):
     assert problem.detail.endswith(" metres: is it in millimetres?")
 
 
+@pytest.mark.parametrize("change", [{"/plate_pose": [0.4, 0.0, 1.2, 0, 0, 90]}, {"/plate_pose": [0.4, 0.0, 1.2]}])
+def test_what_is_no_pose_is_told_what_a_pose_is(change):
+    told = problems(changed(change))
+    assert {problem.pointer for problem in told} >= {"/plate_pose/6"}
+    assert all(problem.detail.endswith(": a pose is [x, y, z, qw, qx, qy, qz]") for problem in told)
+
+
+def test_a_mass_out_of_range_is_asked_whether_it_is_in_grams():
+    (problem,) = problems(changed({"/plate/mass": 3200}))
+    assert problem == Problem("/plate/mass", "must be less than or equal to 1000 kg: is it in grams?")
+
+
 def test_a_component_of_a_quaternion_has_no_unit():
     (problem,) = problems(changed({"/plate_pose/4": 300}))
     assert "metres" not in problem.detail

@@ -154,6 +154,44 @@ def test_a_plate_as_thick_as_is_told_has_room_on_a_board_and_a_thinner_one_has_n
     assert changes._is_too_thin == (more < 0.0)
 
 
+@pytest.mark.parametrize("beyond", [None, 0.02])
+def test_a_plate_that_a_board_alone_does_not_help_is_given_another_cup_on_it(
+    beyond: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = thin_plate(0.012, beyond=beyond)
+    monkeypatch.setattr(LiftChanges, "_leaves_a_way", lambda *_, **__: True)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(1000), silent)
+    board = next(changes._board())
+    assert board is not None
+    places, forces = changes.in_pairs()
+    for other, kind in ((next(places), "position"), (next(forces), "max_force")):
+        assert other is not None
+        assert other.patch == (*board.patch, other.patch[-1])
+        assert other.patch[-1].path == f"/cup/{kind}"
+        assert other.built(task, build_scene) is not None
+
+
+def test_a_thin_plate_that_is_too_heavy_as_well_is_put_on_a_board_under_a_cup_that_bears_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    task = thin_plate(0.012, beyond=None)
+    plate, cup = task.plate.model_copy(update={"mass": 7.0}), task.cup.model_copy(update={"max_force": 12.0})
+    task = task.model_copy(update={"plate": plate, "cup": cup})
+    monkeypatch.setattr(LiftChanges, "_leaves_a_way", lambda *_, **__: True)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(1000), silent)
+    assert changes._most_force_steps * 0.5 + cup.max_force > 9.81 * plate.mass
+    (forces,) = changes.in_pairs()
+    other = next(forces)
+    assert other is not None
+    assert [step.path for step in other.patch] == ["/support", "/plate_pose", "/cup/max_force"]
+
+
+def test_a_plate_too_thin_for_any_board_is_given_no_cup_on_one() -> None:
+    for beyond in (None, 0.02, 0.0):
+        task = thin_plate(0.008, beyond=beyond)
+        assert LiftChanges(task, build_scene, LiftSettings(), Effort(1000), silent).in_pairs() == []
+
+
 def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_than_itself() -> None:
     task = thin_plate(0.012, beyond=0.02)
     assert isinstance(task, PlateLiftTask)

@@ -54,6 +54,14 @@ UNSOLVED = {
             "cup": {"radius": 0.0175, "max_force": 20},
         },
     ),
+    "thin, and its cup too weak where it sits": (
+        "ab1",
+        {
+            "plate": {"shape": {"type": "box", "size": [0.4, 0.3, 0.01]}, "mass": 1.5},
+            "plate_pose": [0.4, 0.0, 1.099, 1, 0, 0, 0],
+            "cup": {"position": [0, 0], "radius": 0.02, "max_force": 12},
+        },
+    ),
     "far corner of the table": ("ab1", {"plate_pose": [0.62, 0.1, 1.114, 1, 0, 0, 0]}),
     "beyond the reach of one arm": (
         "ab1",

@@ -39,6 +39,16 @@ def body_of(case):
     return body
 
 
+def test_a_plate_over_the_edge_of_the_table_is_told_where_the_table_ends(cells):
+    task = read_task(body_of({"with": {"/plate_pose/0": 0.8}}))
+    with pytest.raises(SceneError, match="over the edge of the table") as caught:
+        build_scene(task, cells)
+    (table,) = (box for box in cells["dual_ur3e_lift"].boxes if box.name == "table")
+    low, high = table.center - 0.5 * table.size, table.center + 0.5 * table.size
+    ends = f"from x = {low[0]:.4g} to {high[0]:.4g} and from y = {low[1]:.4g} to {high[1]:.4g}"
+    assert caught.value.detail.endswith(ends)
+
+
 @pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])
 def test_what_cannot_stand_is_pointed_at(case, cells):
     task = read_task(body_of(case))

@@ -94,6 +94,17 @@ def test_the_pose_that_a_refusal_advises_is_one_in_which_the_tool_rests(tool, tu
     assert scene.tool.T_world_tool == pytest.approx(from_pose7(advised), abs=1e-5)
 
 
+@pytest.mark.parametrize("height", [0.0, 0.5, TABLE_TOP - 0.1, TABLE_TOP + 0.1])
+def test_what_is_above_or_below_the_table_is_advised_onto_it(height, build):
+    """Never onto what stands below the table: who counts heights from the table means the table."""
+    body = task("domino_pile")
+    body["objects"][0]["pose"] = [0.3, 0.3, height, 1, 0, 0, 0]
+    with pytest.raises(SceneError, match="on table it would rest at") as caught:
+        build(body)
+    body["objects"][0]["pose"] = json.loads(re.search(r"rest at (\[.*?\])", caught.value.detail).group(1))
+    assert build(body).objects[0].start_supports == ("table",)
+
+
 def test_an_object_a_little_off_what_carries_it_is_settled_onto_it(build):
     body = task("domino_pile")
     body["objects"][0]["pose"] = to_pose7(transform(rotation_x(0.001), [0.3, 0.3, TABLE_TOP + 0.0105]))
