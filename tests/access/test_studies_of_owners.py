@@ -16,8 +16,7 @@ BODY = {"task": task(external_id="now"), "axes": [{"pointer": "/cup/max_force", 
 
 def posted(client: httpx.Client, **headers: str) -> dict[str, Any]:
     answer = client.post("/v1/studies", json=BODY, headers=headers)
-    assert answer.status_code == 202, answer.text
-    return finished(client, answer.json())
+    return finished(client, answer.raise_for_status().json())
 
 
 @pytest.mark.slow
