@@ -95,5 +95,5 @@ def test_who_posted_a_study_is_in_the_audit_log(service: GuardedService) -> None
         told = [
             (entry["action"], entry["owner"], entry["status"]) for entry in entries if study["id"] in entry["target"]
         ]
-        assert ("POST", "mes", 200) in told
+        assert ("POST", "mes", 202) in told
         assert ("DELETE", "mes", 204) in told
