@@ -115,7 +115,7 @@ def least_torque(plan: Plan) -> tuple[float, str] | None:
 
 def _joint_torque(plan: Plan) -> dict[str, str]:
     found = least_torque(plan)
-    return {} if found is None else {"joint torque": f"{100 * found[0]:.0f} % left ({found[1]})"}
+    return {} if found is None else {"joint torque": f"{share_words(found[0])} left ({found[1]})"}
 
 
 def _cup_place(plan: Plan) -> dict[str, str]:

@@ -52,7 +52,7 @@ def plan_lift(
     planner = PlateLiftPlanner(scene, settings, progress, memory)
     plan = planner.plan(explained=explained and settings.reserve == 0.0)
     if plan.outcome is PlanningOutcome.NOT_FOUND and not planner.fits and _thinning(planner) >= settings.least_thinning:
-        return _thinned(planner, progress, memory, persistent=persistent, explained=explained)
+        return _thinned(planner, settings, progress, memory, persistent=persistent, explained=explained)
     if plan.outcome is PlanningOutcome.SOLVED and settings.most_reserve:
         return _keeping_most(planner, plan, settings, progress, below=settings.largest_reserve)
     if plan.outcome is not PlanningOutcome.NOT_FOUND or not planner.fits:
@@ -152,10 +152,16 @@ def _thinning(planner: PlateLiftPlanner) -> float:
 
 
 def _thinned(
-    planner: PlateLiftPlanner, progress: Progress, memory: ReachMemory | None, *, persistent: bool, explained: bool
+    planner: PlateLiftPlanner,
+    settings: LiftSettings,
+    progress: Progress,
+    memory: ReachMemory | None,
+    *,
+    persistent: bool,
+    explained: bool,
 ) -> LiftPlan:
     """Plan with fewer poses and holds, where the graph of all does not fit into memory, and say so."""
-    settings, edges, share = planner.settings, planner.reach.edge_count, _thinning(planner)
+    edges, share = planner.reach.edge_count, _thinning(planner)
     fewer = replace(settings.scaled(share, share), least_thinning=settings.least_thinning / share, denser=())
     plan = plan_lift(planner.scene, fewer, progress, memory, persistent=persistent, explained=explained)
     told = f"Of poses and holds {100 * share:.0f} % were tried: the graph of all would have {edges} edges"

@@ -235,7 +235,7 @@ class LiftChanges:
         for angle in (math.radians(90), math.radians(-90), math.radians(45), math.radians(-45)):
             yield self._turned(angle)
         if self.task.support is None:
-            yield self._on_board(self.scene.cell.size * _BOARDS[0])
+            yield self._on_board(self._boards[0])
 
     def _best_cup_places(self) -> Iterator[TaskChange]:
         """Places where the strongest cup that is asked for keeps most back: a heavy plate seldom allows many."""

@@ -15,8 +15,10 @@ BODY = {"task": task(external_id="now"), "axes": [{"pointer": "/cup/max_force", 
 
 
 def posted(client: httpx.Client, **headers: str) -> dict[str, Any]:
+    """Return a study that is accepted, and waited for however long it takes."""
     answer = client.post("/v1/studies", json=BODY, headers=headers)
-    return finished(client, answer.raise_for_status().json())
+    assert answer.status_code == 202, answer.text
+    return finished(client, answer.json())
 
 
 @pytest.mark.slow

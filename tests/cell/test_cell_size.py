@@ -18,15 +18,18 @@ from planners.cell.cell_size import size_of
 from planners.certify import certify
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.hands.workcell import Clearance
+from planners.manipulation.lift_attempts import plan_lift
 from planners.manipulation.lift_sampling import LiftSampling
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.motion.choreography import PaceSettings
 from planners.manipulation.motion.posture_follower import SweepSettings
+from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.statics.hold_balance import MotionSampling
 from planners.motion.timing import TimingSettings
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.planning import certificate_of, lift_settings, solve
+from planners.progress import silent
 from planners.regrasp.grasps.tool_grasps import tool_grasps
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.remedies.change import obstacle_out_of_the_way
@@ -214,6 +217,22 @@ def test_the_plan_in_a_larger_cell_moves_all_joints_through_the_same_positions(
         asked = (lasts[0], math.sqrt(times) * lasts[0])
         assert any(lasts[1] == pytest.approx(time, rel=0.02, abs=smooth) for time in asked)
     assert largest_load(large)[0] == pytest.approx(times**2 * largest_load(small)[0], rel=0.05)
+
+
+@pytest.mark.slow
+def test_of_a_graph_that_is_too_large_as_many_poses_and_holds_are_left_in_a_larger_cell(twice: Cell) -> None:
+    left = []
+    body = task_body("pb1", reserve=0.0)
+    for cell, task in ((load_cell(LIFT), read_task(body)), (twice, scaled_task(body, 2.0))):
+        scene = build_scene(task, {cell.name: cell})
+        assert isinstance(task, PlateLiftTask)
+        assert isinstance(scene, PlateLiftScene)
+        settings = lift_settings(task.options)
+        edges = PlateLiftPlanner(scene, settings, silent).reach.edge_count
+        plan = plan_lift(scene, replace(settings, largest_graph=edges // 2), silent)
+        assert f"{edges} edges" in plan.summary
+        left.append((plan.outcome, plan.graph["nodes"], plan.graph["edges"]))
+    assert left[0] == left[1]
 
 
 @pytest.mark.slow
