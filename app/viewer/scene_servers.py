@@ -193,8 +193,13 @@ class SceneServer:
                 self._shown.set_layer(layer, visible)
 
     def look(self, view: View) -> None:
-        """Move the camera of whoever looks at the scene; an empty one has nothing to look at."""
-        self._turn(self._server.get_clients().values(), view)
+        """Move the camera of whoever looks at the scene; an empty one has nothing to look at.
+
+        It is what whoever comes sees first, too: in a browser that still reads the scene, the first camera replaces any
+        that it was told before.
+        """
+        if self._shown is not None:
+            self._look_first(view)
 
     def _turn(self, clients: Iterable[viser.ClientHandle], view: View) -> None:
         if self._shown is None or self._stage is None:

@@ -196,6 +196,50 @@ def test_a_worker_whose_database_hangs_knows_without_asking_it_that_it_is_alone(
     asyncio.run(run())
 
 
+class HandedJobs:
+    """Stands for a queue that has handed jobs to a worker."""
+
+    def __init__(self, worker: str, *jobs: str) -> None:
+        self._worker, self.handed, self.begun_anew = worker, set(jobs), list[set[str]]()
+
+    def running(self) -> dict[str, set[str]]:
+        return {self._worker: set(self.handed)}
+
+    def begin_anew(self, worker: str, plan_ids: Any) -> int:
+        assert worker == self._worker
+        self.begun_anew.append(set(plan_ids))
+        return len(plan_ids)
+
+
+def test_a_job_that_was_handed_over_and_does_not_begin_is_begun_anew_but_not_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = WorkerSettings.model_validate({"data_dir": tmp_path, **SOON})
+    queue = HandedJobs(settings.executor_name, "at work", "late", "lost")
+    at_work, now = {"at work"}, 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    takeover = Takeover(settings, cast(JobQueue, queue), None, lambda: frozenset(at_work), list)
+
+    def begun_anew_at(moment: float) -> set[str]:
+        nonlocal now
+        now = 100.0 + moment
+        queue.begun_anew.clear()
+        takeover._look(stuck=False)
+        return set().union(*queue.begun_anew)
+
+    assert not begun_anew_at(0.0)
+    assert not begun_anew_at(settings.watch_seconds)
+    at_work.add("late")
+    assert not begun_anew_at(settings.patience_seconds - 0.01)
+    assert begun_anew_at(settings.patience_seconds + 0.01) == {"lost"}
+    queue.handed.remove("lost")
+    assert not begun_anew_at(settings.patience_seconds + 0.02)
+    # Handed over once more, it is given its time once more.
+    queue.handed.add("lost")
+    assert not begun_anew_at(settings.patience_seconds + 0.03)
+    assert begun_anew_at(2.0 * settings.patience_seconds + 0.04) == {"lost"}
+
+
 def test_a_worker_must_stop_before_it_counts_as_frozen(tmp_path: Path) -> None:
     with pytest.raises(ValidationError, match="frozen_seconds"):
         WorkerSettings(data_dir=tmp_path, patience_seconds=40.0)

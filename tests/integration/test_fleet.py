@@ -136,7 +136,8 @@ def test_a_frozen_worker_loses_its_job_to_another_and_does_no_harm_when_it_wakes
         for process in family:
             process.resume()
     document = fleet.client.get(plan["links"]["document"]).content
-    assert (taken["state"], taken["attempts"]) == ("succeeded", 2)
+    told = f"{fleet.first.log[-3000:]}\n{fleet.second.log[-3000:]}"
+    assert (taken["state"], taken["attempts"]) == ("succeeded", 2), told
     time.sleep(3 * SETTINGS["watch_seconds"] + 2.0)
     assert fleet.plan(plan) == taken
     assert fleet.client.get(plan["links"]["document"]).content == document

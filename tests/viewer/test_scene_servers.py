@@ -6,9 +6,12 @@ import asyncio
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.resources.cell_collection import CellCollection
+from app.viewer.drawing.camera import VIEWS
+from app.viewer.drawing.link_meshes import LinkMeshes
 from app.viewer.scene_servers import SceneServer, SceneServers, WatcherRoom
 from app.work.workbench import Workbench
 from planners.cell.cell import ShippedCells
@@ -43,3 +46,16 @@ def test_a_scene_that_cannot_be_told_of_is_closed_and_its_place_given_back(
 
     with closing(open_database(WorkerSettings(data_dir=tmp_path))) as database:
         asyncio.run(enter_twice(CellCollection(ShippedCells(), CellStore(database, tmp_path / "cells"))))
+
+
+def test_whoever_comes_after_a_view_was_chosen_sees_that_view(tmp_path: Path) -> None:
+    """A browser that still reads the scene has told of itself, and takes the scene's first camera when it is read."""
+    cell = ShippedCells()["dual_ur3e_lift"]
+    with SceneServer() as server:
+        server.look(VIEWS["top"])
+        server.show_cell(cell, LinkMeshes(tmp_path))
+        for view in VIEWS.values():
+            server.look(view)
+            first = server._server.initial_camera
+            position, target = server._place(view)
+            np.testing.assert_allclose([first.position, first.look_at], [position, target])

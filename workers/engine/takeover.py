@@ -45,8 +45,8 @@ class Takeover:
         self._stuck = stuck
         self._name = settings.executor_name
         self._file: FileLock | None = None
-        self._strays: set[str] = set()
-        """Jobs of ours that nobody had at the last look."""
+        self._strays: dict[str, float] = {}
+        """Jobs of ours that nobody had at the last look, and since when."""
         self._lost_at: float | None = None
         self._proved_at: float | None = None
         """When it was last known that the name is ours; None: it needs no proof, or none yet."""
@@ -122,10 +122,15 @@ class Takeover:
                 self._lock.end_session(other)
 
     def _begin_strays_anew(self, ours: set[str]) -> None:
-        """A job may be ours without our knowing: the connection broke as it was handed to us, or as it ended."""
-        strays = ours - self._at_work()
-        self._begin_anew(self._name, strays & self._strays)
-        self._strays = strays
+        """A job may be ours without our knowing: the connection broke as it was handed to us, or as it ended.
+
+        On a busy machine it takes a while until a job that was handed to us begins; that it lasts tells the one from
+        the other.
+        """
+        now = time.monotonic()
+        self._strays = {job: self._strays.get(job, now) for job in ours - self._at_work()}
+        patience = max(self._settings.watch_seconds, self._settings.patience_seconds)
+        self._begin_anew(self._name, {job for job, since in self._strays.items() if now - since >= patience})
 
     def _begin_anew(self, worker: str, jobs: set[str]) -> None:
         taken = self._queue.begin_anew(worker, jobs)
