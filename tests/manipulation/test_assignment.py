@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from planners.manipulation.motion.assignment import _conflict, _parts
+from planners.manipulation.graph.manipulation_graph import HandHold
+from planners.manipulation.motion.assignment import PostureAssigner, _conflict, _parts
+from planners.manipulation.motion.manipulation_sequence import HoldPhase
 from planners.manipulation.reach.hand_reach import CONTINUITY, bits
 
 
@@ -105,6 +109,65 @@ def test_a_hand_comes_beside_the_other_one_where_the_arms_keep_apart(planner, ho
         if min(seen.values()) == 8:
             return
     raise AssertionError(f"hands hardly ever meet, or nearly always: {seen}")
+
+
+class MadeUpAssigner(PostureAssigner):
+    """Whether postures fit is drawn at random, the same whenever it is asked."""
+
+    def __init__(self, phases: list[HoldPhase], postures: int, share: float, rng: np.random.Generator) -> None:
+        super().__init__(cast(Any, None), cast(Any, SimpleNamespace(phases=tuple(phases))), np.zeros(12), None)
+        self._preferred = {phase: rng.permutation(postures).tolist() for phase in phases}
+        self._drawn = {
+            frozenset((a, b)): rng.random((postures, postures)) < share for a, b in itertools.combinations(phases, 2)
+        }
+        self.asked = 0
+
+    def _fits(self, a: HoldPhase, posture_a: int, b: HoldPhase, posture_b: int) -> bool:
+        self.asked += 1
+        grip, push = ((a, posture_a), (b, posture_b)) if a.hand == "grip" else ((b, posture_b), (a, posture_a))
+        return bool(self._drawn[frozenset((a, b))][grip[1], push[1]])
+
+
+def made_up_phases(rng: np.random.Generator, count: int) -> list[HoldPhase]:
+    """Return phases of both hands, each hand's one after the other, with gaps."""
+    phases = []
+    for hand in ("grip", "push"):
+        ends = np.cumsum(rng.integers(1, 4, 2 * count)).tolist()
+        phases += [HoldPhase(hand, HandHold(0, 0xF), *place) for place in zip(ends[::2], ends[1::2], strict=True)]
+    return phases
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_assignments_are_all_that_fit_in_the_order_of_preference(seed):
+    """By brute force: of every choice of postures those of which each two fit that are on the plate together."""
+    rng = np.random.default_rng(seed)
+    assigner = MadeUpAssigner(made_up_phases(rng, 3), 3, 0.6, rng)
+    ordered = sorted(assigner.sequence.phases, key=lambda each: (each.first, each.hand))
+    meeting = [
+        (a, b)
+        for a, b in itertools.combinations(ordered, 2)
+        if a.hand != b.hand and set(range(a.first, a.last + 1)) & set(range(b.first, b.last + 1))
+    ]
+    fitting = []
+    for postures in itertools.product(*(assigner._preferred[phase] for phase in ordered)):
+        chosen = dict(zip(ordered, postures, strict=True))
+        if all(assigner._fits(a, chosen[a], b, chosen[b]) for a, b in meeting):
+            fitting.append(chosen)
+    assert list(assigner.assignments()) == fitting
+
+
+def test_that_no_posture_fits_at_the_end_of_a_long_sequence_is_found_without_trying_all_choices():
+    rng, count, postures = np.random.default_rng(3), 12, 4
+    phases = [
+        HoldPhase(hand, HandHold(0, 0xF), 2 * each + late, 2 * each + late + 1)
+        for each in range(count)
+        for hand, late in (("grip", 0), ("push", 1))
+    ]
+    assigner = MadeUpAssigner(phases, postures, 1.0, rng)
+    assigner._drawn[frozenset(phases[-2:])][:] = False
+    assert list(assigner.assignments()) == []
+    # Each pair of postures of two phases that meet, with each posture of a third one, at most.
+    assert assigner.asked <= 2 * len(phases) * postures**3
 
 
 @pytest.mark.parametrize("seed", range(30))

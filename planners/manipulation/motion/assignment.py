@@ -121,7 +121,11 @@ class PostureAssigner:
     def assignments(self) -> Iterator[Assignment]:
         """Yield all assignments that keep the arms apart, those near the start positions first."""
         ordered = sorted(self.sequence.phases, key=lambda e: (e.first, e.hand))
-        yield from self._extend(ordered, {})
+        bound = [
+            [earlier for earlier in ordered[:depth] if any(_meet(earlier, later) for later in ordered[depth:])]
+            for depth in range(len(ordered))
+        ]
+        yield from self._extend(ordered, bound, {}, set())
 
     def pair_problem(self) -> NoAssignment:
         """Say why no pair of postures fits: the motions where none does, which holds to split, or where to give up."""
@@ -177,14 +181,40 @@ class PostureAssigner:
                 return None
         return names
 
-    def _extend(self, rest: list[HoldPhase], chosen: Assignment) -> Iterator[Assignment]:
-        if not rest:
+    def _extend(
+        self,
+        ordered: list[HoldPhase],
+        bound: list[list[HoldPhase]],
+        chosen: Assignment,
+        dead: set[tuple[int, ...]],
+    ) -> Iterator[Assignment]:
+        """Yield what a choice for the first phases can be continued to.
+
+        Later phases ask for nothing but the postures of those that they meet: as these are few, so are the choices that
+        have to be told apart, though there are exponentially many.
+
+        Args:
+            ordered: all phases, in the order in which they begin.
+            bound: for each number of chosen phases those of them that a later one meets.
+            chosen: a posture for the first phases.
+            dead: depth and postures of the bound phases that are known to lead nowhere; more are added.
+        """
+        depth = len(chosen)
+        if depth == len(ordered):
             yield dict(chosen)
             return
-        phase = rest[0]
+        key = (depth, *(chosen[each] for each in bound[depth]))
+        if key in dead:
+            return
+        phase, leads_on = ordered[depth], False
+        met = [each for each in bound[depth] if _meet(each, phase)]
         for posture in self._preferred[phase]:
-            if all(self._fits(phase, posture, other, chosen[other]) for other in chosen):
-                yield from self._extend(rest[1:], {**chosen, phase: posture})
+            if all(self._fits(phase, posture, other, chosen[other]) for other in met):
+                for assignment in self._extend(ordered, bound, {**chosen, phase: posture}, dead):
+                    leads_on = True
+                    yield assignment
+        if not leads_on:
+            dead.add(key)
 
     @cached_property
     def _preferred(self) -> dict[HoldPhase, list[int]]:
@@ -218,9 +248,7 @@ class PostureAssigner:
         return len(track.windings(arm.position_min, arm.position_max)) > 0
 
     def _fits(self, a: HoldPhase, posture_a: int, b: HoldPhase, posture_b: int) -> bool:
-        """Whether two postures keep the arms apart wherever both hands are on the plate."""
-        if a.hand == b.hand:
-            return True
+        """Whether postures of two phases that meet keep the arms apart wherever both hands are on the plate."""
         grip, push = ((a, posture_a), (b, posture_b)) if a.hand == "grip" else ((b, posture_b), (a, posture_a))
         first, last = max(a.first, b.first), min(a.last, b.last)
         one, two = (grip[0].hold.index, grip[1]), (push[0].hold.index, push[1])
@@ -237,6 +265,11 @@ class PostureAssigner:
             return True
         holds = HandHold(one[0], 1 << one[1]), HandHold(two[0], 1 << two[1])
         return self._rising.together(self.sequence.poses[last], *holds)
+
+
+def _meet(a: HoldPhase, b: HoldPhase) -> bool:
+    """Whether the two hands of two phases are on the plate at the same time."""
+    return a.hand != b.hand and max(a.first, b.first) <= min(a.last, b.last)
 
 
 def _changes(grip: HoldPhase, push: HoldPhase) -> Iterator[tuple[Hand, int]]:
