@@ -83,6 +83,8 @@ _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
 """... and obstacles [m]."""
 _WANT_OF_REACH = ("reach so far", "be brought there", "would touch")
 """Words of causes for which another place of the plate may help, and other forces hardly."""
+_WANT_OF_CERTAINTY = "within its tolerances"
+"""Words of the cause that the plate as stated could be lifted."""
 _STEPS_OF_ASKING = 1
 """What it takes to ask anything, besides what is reported then: see `Effort` ..."""
 _STEPS_OF_REACH = 60
@@ -184,6 +186,8 @@ class LiftChanges:
             # No hand comes to the plate at rest, whatever it bears.
             return [self._board(), *places, self._given_holds()]
         rest = [self._tolerances(), self._board(), self._given_holds()]
+        if _WANT_OF_CERTAINTY in chief:
+            return [self._tolerances(blamed=True), cup, *forces, *places, *rest[1:]]
         if far_off:
             # It has to come nearer, most likely.
             return [places[0], cup, *forces, places[1], *rest]
@@ -430,16 +434,18 @@ class LiftChanges:
         others = [name for name in _OTHER_LIFTERS if name != self.task.lifter_model]
         yield from self._of((_other_lifter(name) for name in others), forces=True)
 
-    def _tolerances(self) -> Iterator[TaskChange | None]:
+    def _tolerances(self, *, blamed: bool = False) -> Iterator[TaskChange | None]:
+        """Smaller tolerances. Where it is they that are in the way, those first that leave least of them.
+
+        As there is a plan then that keeps nothing back, however little a way keeps back is worth planning.
+        """
         mass, com = self.task.plate.mass_tolerance, self.task.plate.com_tolerance
-        yield from self._of(
-            (
-                replace(_known_better(mass * share, com * share), way="better", size=1.0 - share)
-                for share in _TOLERANCES
-                if mass or com
-            ),
-            forces=True,
-        )
+        if not mass and not com:
+            return
+        for share in sorted(_TOLERANCES, reverse=not blamed):
+            change = replace(_known_better(mass * share, com * share), way="better", size=1.0 - share)
+            if self._leaves_a_way(change, forces=True, kept=0.0 if blamed else None):
+                yield change
 
     # Places.
 
