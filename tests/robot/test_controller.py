@@ -10,14 +10,17 @@ import pytest
 from dashboard_client import DashboardClient
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
+from scipy.spatial.transform import Rotation
 from script_client import ScriptClient
 from support.controller.arm import Arm, ArmLimits, SafetyMode
 from support.controller.controller import Configuration
-from support.controller.intrinsics import Intrinsics, Registers
+from support.controller.intrinsics import Intrinsics, Registers, matrix_of, pose_of
 from support.controller.lexer import ScriptRefused
 from support.controller.stand_in import StandIn, hosts, stand_ins
 from support.controller.translator import ProgramFault, translate
 from support.service import wait_for
+
+from planners.kinematics.forward import flange_pose
 
 CYCLE = 0.002
 DH = [[0.0, np.pi / 2, 0.15185, 0.0], [-0.24355, 0, 0, 0], [-0.2132, 0, 0, 0],
@@ -141,6 +144,33 @@ def test_movej_arrives_and_keeps_speed_and_acceleration() -> None:
     run("movej([0.3, -0.2, 0.1, 0, 0, 0], a=1, v=0.5)\nstopj(2)", arm)
     assert arm.safety_mode is SafetyMode.NORMAL
     np.testing.assert_allclose(arm.q, [0.3, -0.2, 0.1, 0, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-4, 1.0, np.pi - 1e-6, np.pi])
+def test_poses_are_those_of_scipy(angle: float) -> None:
+    rng = np.random.default_rng(4)
+    for axis in [*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))]:
+        turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+        T = matrix_of((0.1, -0.2, 0.3, *turn.as_rotvec()))
+        np.testing.assert_allclose(T[:3, :3], turn.as_matrix(), atol=1e-12)
+        pose = pose_of(T)
+        assert np.linalg.norm(pose[3:]) < np.pi + 1e-9
+        # At half a turn either axis is as good.
+        np.testing.assert_allclose(Rotation.from_rotvec(pose[3:]).as_matrix(), turn.as_matrix(), atol=1e-9)
+        np.testing.assert_allclose([*pose[:3], *T[3]], [0.1, -0.2, 0.3, 0, 0, 0, 1])
+
+
+def test_the_tcp_is_where_the_planner_has_it_and_moves_as_differences_say() -> None:
+    rng, step = np.random.default_rng(5), 1e-6
+    for q in rng.uniform(-3.0, 3.0, (20, 6)):
+        arm = arm_at(q.tolist())
+        arm.tcp = matrix_of((0.02, -0.01, 0.15, 0.3, -0.2, 0.1))
+        np.testing.assert_allclose(arm.tcp_pose(), flange_pose(np.array(DH), np.eye(4), q) @ arm.tcp, atol=1e-12)
+        speeds = rng.normal(size=6)
+        before, after = (arm.tcp_pose(q + sign * step * speeds) for sign in (-1.0, 1.0))
+        turn = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()
+        twist = np.concatenate([after[:3, 3] - before[:3, 3], turn]) / (2.0 * step)
+        np.testing.assert_allclose(arm.joint_speeds(twist), speeds, atol=1e-4)
 
 
 def test_speedl_moves_the_tcp_as_fast_as_it_says() -> None:

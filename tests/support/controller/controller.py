@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from .arm import Arm, ArmLimits, SafetyMode
+from .arm import Arm, ArmLimits, SafetyMode, Vector
 from .intrinsics import REGISTERS, Halted, Intrinsics, Registers, pose_of
 from .lexer import ScriptRefused
 from .rtde_server import LineSession, RtdeSession, Value, Variable
-from .translator import Program, ProgramFault, translate
+from .translator import Pose, Program, ProgramFault, translate
 
 RTDE_PORT, DASHBOARD_PORT, SCRIPT_PORT = 30004, 29999, 30002
 STOPPED, PLAYING, PAUSED = 1, 2, 4
@@ -112,6 +112,7 @@ class Controller:
         self._selector = selectors.DefaultSelector()
         self._rtde: list[RtdeSession] = []
         self._record: list[tuple[float, ...]] = []
+        self._placed: tuple[Vector, np.ndarray, Pose] | None = None
         self._outputs = self._output_variables()
         self._wires = np.memmap(given.wires, dtype=np.uint8, mode="r+", shape=(2,)) if given.wires else None
         self._wire_side = given.wire_side
@@ -374,6 +375,13 @@ class Controller:
         elif name == "speed_slider_fraction":
             self.speed_slider = float(value)  # type: ignore[arg-type]
 
+    def _tcp_pose(self) -> Pose:
+        """Return the TCP's pose, which is asked for twice each cycle."""
+        q, tcp = self.arm.q, self.arm.tcp
+        if self._placed is None or self._placed[0] is not q or self._placed[1] is not tcp:
+            self._placed = q, tcp, pose_of(self.arm.tcp_pose())
+        return self._placed[2]
+
     def _output_variables(self) -> dict[str, Variable]:
         arm, registers = self.arm, self.registers
         zeros = (0.0,) * 6
@@ -389,8 +397,8 @@ class Controller:
             **{name: vector(lambda: arm.q) for name in ("target_q", "actual_q")},
             **{name: vector(lambda: arm.qd) for name in ("target_qd", "actual_qd")},
             "actual_TCP_force": vector(lambda: arm.felt),
-            "actual_TCP_pose": Variable("VECTOR6D", lambda: pose_of(arm.tcp_pose())),
-            "target_TCP_pose": Variable("VECTOR6D", lambda: pose_of(arm.tcp_pose())),
+            "actual_TCP_pose": Variable("VECTOR6D", self._tcp_pose),
+            "target_TCP_pose": Variable("VECTOR6D", self._tcp_pose),
             **{
                 name: Variable("VECTOR6D", lambda: zeros)
                 for name in (

@@ -7,7 +7,6 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from .arm import Arm, SafetyMode, Vector
 from .translator import Pose, ProgramFault
@@ -35,13 +34,40 @@ class Registers:
 
 
 def matrix_of(pose: tuple[float, ...]) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(pose[3:]).as_matrix(), pose[:3]
-    return T
+    """Return a pose as 4×4, by Rodrigues' formula."""
+    x, y, z, *turn = pose
+    angle = math.hypot(*turn)
+    # sin(angle) / angle, and (1 - cos(angle)) / angle²
+    one, two = 1.0, 0.5
+    if angle > 0.0:
+        one, two = math.sin(angle) / angle, 2.0 * (math.sin(0.5 * angle) / angle) ** 2
+    cos, (u, v, w) = math.cos(angle), turn
+    return np.array([
+        [cos + two * u * u, two * u * v - one * w, two * u * w + one * v, x],
+        [two * u * v + one * w, cos + two * v * v, two * v * w - one * u, y],
+        [two * u * w - one * v, two * v * w + one * u, cos + two * w * w, z],
+        [0.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip
 
 
 def pose_of(T: np.ndarray) -> Pose:
-    return Pose((*T[:3, 3].tolist(), *Rotation.from_matrix(T[:3, :3]).as_rotvec().tolist()))
+    """Return a 4×4 as a pose: the rotation vector from the quaternion, whose largest member is found first."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), _ = T.tolist()
+    squares = (a + e + i, a - e - i, e - a - i, i - a - e)
+    largest = squares.index(max(squares))
+    quaternion = (
+        (1.0 + squares[0], h - f, c - g, d - b),
+        (h - f, 1.0 + squares[1], b + d, c + g),
+        (c - g, b + d, 1.0 + squares[2], f + h),
+        (d - b, c + g, f + h, 1.0 + squares[3]),
+    )[largest]
+    sign = -1.0 if quaternion[0] < 0.0 else 1.0
+    real, *axis = (sign * each for each in quaternion)
+    length = math.hypot(*axis)
+    if length == 0.0:
+        return Pose((x, y, z, 0.0, 0.0, 0.0))
+    share = 2.0 * math.atan2(length, real) / length
+    return Pose((x, y, z, *(share * each for each in axis)))
 
 
 def _joints(values: object) -> Vector:

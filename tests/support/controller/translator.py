@@ -75,6 +75,9 @@ class _Aid:
             raise ProgramFault("a loop goes round without giving the controller its turn")
 
     def at(self, values: tuple[object, ...], index: object) -> object:
+        # Most of all that a program does.
+        if type(index) is int and isinstance(values, tuple) and 0 <= index < len(values):
+            return values[index]
         return values[self._place(values, index)]
 
     def put(self, values: tuple[object, ...], index: object, value: object) -> tuple[object, ...]:
