@@ -23,6 +23,7 @@ from tests.benchmarks.bench_days import DaysEffort
 from tests.benchmarks.bench_fairness import FairnessEffort
 from tests.benchmarks.bench_many_workers import ManyWorkersCase, ManyWorkersEffort
 from tests.benchmarks.cell_tasks import EXAMPLES
+from tests.benchmarks.lift_variants import VARIANTS, Variant
 from tests.benchmarks.load import LoadEffort
 from tests.benchmarks.peers.contest import PeersEffort
 from tests.benchmarks.random_piles import PILES, Pile
@@ -59,6 +60,8 @@ class Effort:
 
     tasks: tuple[str, ...] = (*SOLVABLE, *TOO_HEAVY)
     solvable: tuple[str, ...] = SOLVABLE
+    variants: tuple[Variant, ...] = VARIANTS
+    """Of the planner, whose whole graphs are built and searched."""
     runs: int = 5
     paper_sample: int = 400
     paper_programs: int = 60
@@ -115,7 +118,8 @@ class Effort:
 
 FULL = Effort()
 QUICK = Effort(
-    tasks=("ab1",), solvable=("ab1",), runs=1, paper_sample=20, paper_programs=4, scaled=(), densities=(),
+    tasks=("ab1",), solvable=("ab1",), variants=VARIANTS[:2], runs=1, paper_sample=20, paper_programs=4, scaled=(),
+    densities=(),
     kernels=("kinematics",), service=False, lifters=1, frames=5, scan_share=0.1, piles=PILES[1:2], layouts=1,
     handover_tasks=bench_handovers.TISSUE_TASKS[1:], tool_tasks=("can_stack",), resumed=False, soaks=(), load=None,
     fuzz_cases=0,

@@ -38,7 +38,7 @@ def measure(effort: Effort, note: Note, folder: Path) -> Findings:
     start = bench_processes.measure_start(note, min(3, effort.runs))
     processes = bench_processes.measure(note, effort.tasks)
     service = bench_service.measure(note, PAUSE_PER_START * start, effort.tasks) if effort.service else None
-    graphs, searches = bench_graph.measure(note, effort.solvable)
+    graphs, searches = bench_graph.measure(note, effort.solvable, effort.variants)
     paper_method = bench_paper_method.measure(note, effort.solvable, effort.paper_sample, effort.paper_programs)
     scaling = bench_processes.measure_scaling(note, effort.scaled, effort.densities)
     figures = PlanningFigures(tasks, start, processes, service, graphs, searches, paper_method, scaling)

@@ -191,7 +191,9 @@ class PhysicalLift:
         name, T_world_base = hand.arm.name, hand.arm.T_world_base
         wrench = -hand.touch.wrench(self.world.plate.motion[:3])
         (T_world_hand, _), (T_world_flange, _) = (self.world.hand(name, T) for T in (hand.T_flange_hand, np.eye(4)))
-        wrench[3:] += np.cross(T_world_hand[:3, 3] - T_world_flange[:3, 3], wrench[:3])
+        # Written out, it takes a tenth of the time of numpy's for arrays this small.
+        (x, y, z), (u, v, w) = (T_world_hand[:3, 3] - T_world_flange[:3, 3]).tolist(), wrench[:3].tolist()
+        wrench[3:] += (y * w - z * v, z * u - x * w, x * v - y * u)
         carried = told["payload"] - (self.schedule.plan.cell.hands[name].mass or 0.0)
         wrench[:3] -= carried * np.asarray(self._scene.cell.gravity)
         felt = in_base(wrench[None], T_world_base)[0]
