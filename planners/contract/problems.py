@@ -6,11 +6,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import KINDS, UNION_TAGS, task_schema
 from planners.errors import AssetFault, LiftwrightError, SceneError
 
@@ -18,6 +19,12 @@ MAX_PROBLEMS = 100
 """More are counted, not listed."""
 LONGEST_KEY = 200
 """An unknown member with a longer name is pointed at by its object."""
+DENSEST = 23e3
+"""A little more than osmium's, the densest metal's [kg/m³]."""
+_NUMBER = TypeAdapter(Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=False)])
+_PLAIN_SHAPE: TypeAdapter[Box | Cylinder | Prism] = TypeAdapter(
+    Annotated[Box | Cylinder | Prism, Field(discriminator="type")]
+)
 
 Location = Sequence[str | int]
 Schema = Mapping[str, Any]
@@ -88,9 +95,14 @@ def _at_most(problems: list[Problem]) -> list[Problem]:
 def doubts_of(task: object) -> list[Problem]:
     """Return what a task, as JSON data, may be read in and was most probably not meant.
 
-    That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last. Who writes
-    1, 0, 0, 0 elsewhere in the same task knows that w comes first.
+    That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last; and a mass
+    with which a body is denser than any metal, as one in grams is. Who writes 1, 0, 0, 0 elsewhere in the same task
+    knows that w comes first.
     """
+    return [*_doubtful_turns(task), *_doubtful_masses(task, ())]
+
+
+def _doubtful_turns(task: object) -> list[Problem]:
     poses = list(_poses(task, ()))
     if any(pose[3:] == [1, 0, 0, 0] for _, pose in poses):
         return []
@@ -98,6 +110,24 @@ def doubts_of(task: object) -> list[Problem]:
         "0, 0, 0, 1 is half a turn about z: a pose is [x, y, z, qw, qx, qy, qz], with w before x; no turn is 1, 0, 0, 0"
     )
     return [Problem(json_pointer(path), detail) for path, pose in poses if pose[3:] == [0, 0, 0, 1]]
+
+
+def _doubtful_masses(data: object, path: tuple[str | int, ...]) -> Iterator[Problem]:
+    """Yield a doubt for every body with a mass and a shape whose volume is known that no matter is dense enough for."""
+    members = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in members:
+        yield from _doubtful_masses(value, (*path, key))
+    if not isinstance(data, dict) or not {"shape", "mass"} <= data.keys():
+        return
+    try:
+        mass, shape = _NUMBER.validate_python(data["mass"]), _PLAIN_SHAPE.validate_python(data["shape"])
+    except ValidationError:
+        # What is wrong with it is told as a problem.
+        return
+    density = mass / shape.volume
+    if density > DENSEST:
+        detail = f"{mass:g} kg make it {1e-3 * density:.0f} kg a litre, and no metal has more than 23: is it in grams?"
+        yield Problem(json_pointer((*path, "mass")), detail)
 
 
 def _poses(data: object, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], list[object]]]:

@@ -29,6 +29,11 @@ class Box(StrictModel):
     size: tuple[Length, Length, Length]
     """Full lengths along x, y, z [m]."""
 
+    @property
+    def volume(self) -> float:
+        """How much room it takes [m³]."""
+        return math.prod(self.size)
+
 
 class Cylinder(StrictModel):
     """A cylinder about z; the origin is its centre."""
@@ -38,6 +43,11 @@ class Cylinder(StrictModel):
     """[m]"""
     height: Length
     """[m]"""
+
+    @property
+    def volume(self) -> float:
+        """How much room it takes [m³]."""
+        return math.pi * self.radius**2 * self.height
 
 
 class Prism(StrictModel):
@@ -56,6 +66,13 @@ class Prism(StrictModel):
         if fault is not None:
             raise PydanticCustomError("outline", "{fault}", {"fault": fault})
         return outline
+
+    @property
+    def volume(self) -> float:
+        """How much room it takes [m³]."""
+        after = (*self.outline[1:], self.outline[0])
+        area = 0.5 * sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(self.outline, after, strict=True))
+        return area * self.height
 
 
 class Mesh(StrictModel):

@@ -2,6 +2,7 @@
 
 import copy
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -282,6 +283,31 @@ NO_TURN, HALF_TURN, QUARTER_TURN = [1, 0, 0, 0], [0, 0, 0, 1], [0.5**0.5, 0, 0, 
 def test_half_a_turn_is_doubted_unless_its_writer_knows_how_no_turn_is_written(pose, goal, pointers):
     body = {"kind": "suction_tool", "objects": [{"name": "lid", "pose": PLACE + pose, "goal_pose": PLACE + goal}]}
     assert [doubt.pointer for doubt in doubts_of(body)] == pointers
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"type": "box", "size": [0.1, 0.2, 0.05]},
+        {"type": "cylinder", "radius": (1e-3 / math.pi / 0.1) ** 0.5, "height": 0.1},
+        {"type": "prism", "outline": [[0, 0], [0.2, 0], [0.2, 0.1], [0, 0.1]], "height": 0.05},
+    ],
+    ids=lambda shape: shape["type"],
+)
+def test_a_litre_that_no_metal_makes_as_heavy_is_doubted(shape):
+    """Osmium, the densest, has 22.6 kg a litre; steel has 7.9."""
+    for mass, pointers in ((7.9, []), (22.6, []), (850, ["/plate/mass", "/objects/0/mass"])):
+        body = {"plate": {"shape": shape, "mass": mass}, "objects": [{"shape": shape, "mass": mass, "name": "box"}]}
+        doubts = doubts_of(body)
+        assert [doubt.pointer for doubt in doubts] == pointers
+        assert all("850 kg a litre" in doubt.detail and "grams" in doubt.detail for doubt in doubts)
+
+
+@pytest.mark.parametrize("mass", ["850", None, True, math.nan, -1.0, [850]])
+def test_a_mass_or_a_shape_that_is_none_is_a_problem_and_no_doubt(mass):
+    box = {"type": "box", "size": [0.1, 0.1, 0.1]}
+    assert doubts_of({"plate": {"shape": box, "mass": mass}}) == []
+    assert doubts_of({"plate": {"shape": {**box, "size": [mass] * 3}, "mass": 850.0}}) == []
 
 
 @pytest.mark.parametrize("body", [None, [], "pose", {"pose": HALF_TURN}, {"pose": {"pose": "x"}}])
