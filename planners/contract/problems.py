@@ -11,6 +11,7 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from planners.contract.quantities import Mass
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import KINDS, UNION_TAGS, task_schema
 from planners.errors import AssetFault, LiftwrightError, SceneError
@@ -21,7 +22,7 @@ LONGEST_KEY = 200
 """An unknown member with a longer name is pointed at by its object."""
 DENSEST = 23e3
 """A little more than osmium's, the densest metal's [kg/m³]."""
-_NUMBER = TypeAdapter(Annotated[float, Field(strict=True, gt=0.0, allow_inf_nan=False)])
+_MASS: TypeAdapter[float] = TypeAdapter(Mass)
 _PLAIN_SHAPE: TypeAdapter[Box | Cylinder | Prism] = TypeAdapter(
     Annotated[Box | Cylinder | Prism, Field(discriminator="type")]
 )
@@ -96,14 +97,14 @@ def doubts_of(task: object) -> list[Problem]:
     """Return what a task, as JSON data, may be read in and was most probably not meant.
 
     That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last; and a mass
-    with which a body is denser than any metal, as one in grams is. Who writes 1, 0, 0, 0 elsewhere in the same task
-    knows that w comes first.
+    with which a body is denser than any metal, as one in grams is.
     """
     return [*_doubtful_turns(task), *_doubtful_masses(task, ())]
 
 
 def _doubtful_turns(task: object) -> list[Problem]:
     poses = list(_poses(task, ()))
+    # Who writes 1, 0, 0, 0 elsewhere in the same task knows that w comes first.
     if any(pose[3:] == [1, 0, 0, 0] for _, pose in poses):
         return []
     detail = (
@@ -120,13 +121,13 @@ def _doubtful_masses(data: object, path: tuple[str | int, ...]) -> Iterator[Prob
     if not isinstance(data, dict) or not {"shape", "mass"} <= data.keys():
         return
     try:
-        mass, shape = _NUMBER.validate_python(data["mass"]), _PLAIN_SHAPE.validate_python(data["shape"])
+        mass, shape = _MASS.validate_python(data["mass"]), _PLAIN_SHAPE.validate_python(data["shape"])
     except ValidationError:
         # What is wrong with it is told as a problem.
         return
     density = mass / shape.volume
     if density > DENSEST:
-        detail = f"{mass:g} kg make it {1e-3 * density:.0f} kg a litre, and no metal has more than 23: is it in grams?"
+        detail = f"{mass:g} kg make it {1e-3 * density:.3g} kg a litre, and no metal has more than 23: is it in grams?"
         yield Problem(json_pointer((*path, "mass")), detail)
 
 

@@ -70,9 +70,7 @@ class Prism(StrictModel):
     @property
     def volume(self) -> float:
         """How much room it takes [m³]."""
-        after = (*self.outline[1:], self.outline[0])
-        area = 0.5 * sum(a[0] * b[1] - a[1] * b[0] for a, b in zip(self.outline, after, strict=True))
-        return area * self.height
+        return _signed_area(self.outline) * self.height
 
 
 class Mesh(StrictModel):

@@ -26,6 +26,8 @@ _ROOM = 0.95
 """How much smaller still the numbers of poses and holds are made than would just fit, if edges grew as expected [1]."""
 _WORTHWHILE = 1.2
 """So many times as many pairs of a pose and a hold are tried next at least [1]."""
+NOT_WITHIN_TOLERANCES = "not every plate within its tolerances"
+"""Words of the cause that it is what is not known of the plate that stands in the way."""
 _ROUNDING = 1e-6
 """Part of a step by which a reserve may miss it."""
 
@@ -227,7 +229,7 @@ def _blaming_tolerances(denser: _Denser, plan: LiftPlan, progress: Progress) -> 
     if all(each.plan_as_stated().outcome is not PlanningOutcome.SOLVED for each in planners):
         return plan
     reason = (
-        "The plate as stated can be lifted, but not every plate within its tolerances of "
+        f"The plate as stated can be lifted, but {NOT_WITHIN_TOLERANCES} of "
         f"{100 * scene.mass_tolerance:.3g} % of the mass (plate.mass_tolerance) and {1e3 * scene.com_tolerance:.3g} mm "
         "of the centre of mass (plate.com_tolerance)"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 
@@ -70,7 +71,8 @@ def find_remedies(
     """Plan changed tasks, one of each kind in turn, until enough was found or so much was tried.
 
     Args:
-        changes: of each kind, the smallest first; None: some were asked in vain, and other kinds have their turn.
+        changes: of each kind, the smallest first, or the likeliest; None: some were asked in vain, and other kinds have
+            their turn.
         attempt: plans a task and certifies the plan, and simulates it if it is to be; None where there is none that
             passes. Counts what it does.
         task: that has no plan, or one that fails in physics.
@@ -150,6 +152,8 @@ class _OfKind:
         self._changes, self._tries, self._in_vain = changes, 0, 0
         self._closed: set[str] = set()
         """Ways of which a larger change added nothing."""
+        self._in_vain_up_to: dict[str, float] = {}
+        """By way, the size of the largest change that was planned in vain: smaller ones do less."""
         self.found: list[tuple[TaskChange, Remedy]] = []
         self.ended = False
 
@@ -164,7 +168,7 @@ class _OfKind:
     ) -> None:
         """Plan the next change of the kind, if there is one and steps are left."""
         try:
-            change = next(each for each in self._changes if each is None or each.way not in self._closed)
+            change = next(each for each in self._changes if each is None or not self._is_known(each))
         except StopIteration:
             self.ended = True
             return
@@ -186,11 +190,17 @@ class _OfKind:
                 self._closed.add(change.way)
         if plan is not None or not last:
             effort.tried.add(change.kind)
+        if plan is None and change.way:
+            self._in_vain_up_to[change.way] = max(change.size, self._in_vain_up_to.get(change.way, 0.0))
         self._tries += 1
         self._in_vain += plan is None
         enough = len(worth_telling([self.found])) >= MOST_OF_A_KIND or self._tries >= MOST_TRIES
         # Where no step is left, only what is known is told.
         self.ended = last or enough or (others_help and self._in_vain >= MOST_IN_VAIN)
+
+    def _is_known(self, change: TaskChange) -> bool:
+        """Whether planning a change would tell nothing new."""
+        return change.way in self._closed or change.size < self._in_vain_up_to.get(change.way, -math.inf)
 
 
 def _remedy(change: TaskChange, plan: Plan) -> Remedy:

@@ -24,6 +24,7 @@ from planners.geometry.pose import Array
 from planners.graph.search import DEAD
 from planners.manipulation.cup_place import CupPlaceSearch
 from planners.manipulation.graph.node_examiner import hands_of
+from planners.manipulation.lift_attempts import NOT_WITHIN_TOLERANCES
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.manipulation.reach.reach_memory import ReachMemory
@@ -83,8 +84,6 @@ _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
 """... and obstacles [m]."""
 _WANT_OF_REACH = ("reach so far", "be brought there", "would touch")
 """Words of causes for which another place of the plate may help, and other forces hardly."""
-_WANT_OF_CERTAINTY = "within its tolerances"
-"""Words of the cause that the plate as stated could be lifted."""
 _STEPS_OF_ASKING = 1
 """What it takes to ask anything, besides what is reported then: see `Effort` ..."""
 _STEPS_OF_REACH = 60
@@ -148,7 +147,9 @@ class LiftChanges:
         """Takes directions on the plate to the world."""
 
     def by_kind(self, chief: str = "", *, whole_reserve: bool = False) -> list[Iterator[TaskChange | None]]:
-        """Return the changes of every kind, each in order of size; kinds that concern what is short come first.
+        """Return the changes of every kind; kinds that concern what is short come first.
+
+        Each kind's are in order of size, but that of tolerances that are blamed: there the largest is the likeliest.
 
         Args:
             chief: the first reason that the failed plan names; empty: it names none.
@@ -177,6 +178,9 @@ class LiftChanges:
         cup, places, far_off = self._cup_place(), [self._plate_turned(), self._plate_place()], self._is_far_off
         if far_off:
             places.reverse()
+        if NOT_WITHIN_TOLERANCES in chief:
+            kinds = [self._tolerances(blamed=True), cup, *forces, *places, self._board(), self._given_holds()]
+            return [*kinds[:1], self._obstacles(), *kinds[1:]] if self._without_obstacles else kinds
         if self._without_obstacles:
             return [self._obstacles(), cup, *places]
         if self._is_held:
@@ -186,8 +190,6 @@ class LiftChanges:
             # No hand comes to the plate at rest, whatever it bears.
             return [self._board(), *places, self._given_holds()]
         rest = [self._tolerances(), self._board(), self._given_holds()]
-        if _WANT_OF_CERTAINTY in chief:
-            return [self._tolerances(blamed=True), cup, *forces, *places, *rest[1:]]
         if far_off:
             # It has to come nearer, most likely.
             return [places[0], cup, *forces, places[1], *rest]
@@ -435,9 +437,9 @@ class LiftChanges:
         yield from self._of((_other_lifter(name) for name in others), forces=True)
 
     def _tolerances(self, *, blamed: bool = False) -> Iterator[TaskChange | None]:
-        """Smaller tolerances. Where it is they that are in the way, those first that leave least of them.
+        """Smaller tolerances; where they are blamed, the smallest first.
 
-        As there is a plan then that keeps nothing back, however little a way keeps back is worth planning.
+        The plate as stated has a plan then, which keeps nothing back: no more is asked of a way with smaller ones.
         """
         mass, com = self.task.plate.mass_tolerance, self.task.plate.com_tolerance
         if not mass and not com:

@@ -19,7 +19,7 @@ from support.service import task, wait_for
 
 from workers.engine.deadline import PatientQuestion
 from workers.engine.executor_lock import AdvisoryLock, worker_lives
-from workers.engine.takeover import Takeover
+from workers.engine.takeover import BEGINNING_SECONDS, Takeover
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
@@ -230,14 +230,12 @@ def test_a_job_that_was_handed_over_and_does_not_begin_is_begun_anew_but_not_at_
     assert not begun_anew_at(0.0)
     assert not begun_anew_at(settings.watch_seconds)
     at_work.add("late")
-    assert not begun_anew_at(settings.patience_seconds - 0.01)
-    assert begun_anew_at(settings.patience_seconds + 0.01) == {"lost"}
-    queue.handed.remove("lost")
-    assert not begun_anew_at(settings.patience_seconds + 0.02)
-    # Handed over once more, it is given its time once more.
-    queue.handed.add("lost")
-    assert not begun_anew_at(settings.patience_seconds + 0.03)
-    assert begun_anew_at(2.0 * settings.patience_seconds + 0.04) == {"lost"}
+    assert not begun_anew_at(BEGINNING_SECONDS - 0.01)
+    assert begun_anew_at(BEGINNING_SECONDS + 0.01) == {"lost"}
+    # This worker has taken it again before the next look: it is given its time once more.
+    assert not begun_anew_at(BEGINNING_SECONDS + 0.02)
+    assert not begun_anew_at(2.0 * BEGINNING_SECONDS)
+    assert begun_anew_at(2.0 * BEGINNING_SECONDS + 0.03) == {"lost"}
 
 
 def test_a_worker_must_stop_before_it_counts_as_frozen(tmp_path: Path) -> None:

@@ -303,6 +303,24 @@ def test_what_is_planned_in_vain_is_planned_on_only_where_nothing_else_helps(a_p
     assert len(found(kinds, helps, a_plan)) == 1
 
 
+def test_what_does_less_than_what_was_planned_in_vain_is_not_planned(a_plan: Plan) -> None:
+    """Of one way the larger change does all that the smaller does; another way is another matter."""
+    planned = list[float]()
+
+    def helps(newtons: float) -> bool:
+        planned.append(newtons)
+        return newtons in fine
+
+    sizes = ((40.0, "up"), (31.0, "up"), (22.0, "down"), (50.0, "up"))
+    kinds = [[replace(force(newtons), way=way, size=newtons) for newtons, way in sizes]]
+    fine = {50.0}
+    assert [each.sentence for each in found(kinds, helps, a_plan)] == ["50 N."]
+    assert planned == [40.0, 22.0, 50.0]
+    # Where the larger one helps, the smaller one is planned, and told if it helps, too.
+    fine = {31.0, 40.0}
+    assert [each.sentence for each in found(kinds, helps, a_plan)] == ["31 N."]
+
+
 def test_the_search_ends_with_its_steps(a_plan: Plan) -> None:
     def endless() -> Iterator[TaskChange]:
         for newtons in count(30):

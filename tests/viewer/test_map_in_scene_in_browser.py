@@ -76,10 +76,12 @@ def test_a_click_on_a_tile_opens_the_plan_of_its_point(page: Page, service: Serv
         shown = finished(client, client.post(f"{study['links']['points']}/{SHOWN}/plan").json())
     page.goto(f"/viewer/?plan={shown['id']}&study={study['id']}")
     expect(page.locator("#study-told")).to_contain_text("3 of 4 cup places are solved")
+    aside = settled(page)
     page.evaluate("connection.look('top')")
+    wait_until_it_differs(page, aside)
+    painted = settled(page)
     # What the browser tells of its camera may be from before it was moved.
     page.wait_for_function(f"connection.askCamera() || {FROM_ABOVE}", polling=500)
-    painted = settled(page)
 
     # The switch of the layer hides the tiles and shows them again.
     page.keyboard.press("m")

@@ -16,6 +16,8 @@ from workers.stores.job_queue import JobQueue
 FORMER_LIFE_SECONDS = 20.0
 """So long a worker that starts waits for the server to notice that its own last life has ended [s]."""
 FIRST_LOOK_SECONDS = 0.5
+BEGINNING_SECONDS = 5.0
+"""So long a job may take to begin after it was handed to this worker: on a busy machine that is a while [s]."""
 
 log = structlog.get_logger(__name__)
 
@@ -46,7 +48,7 @@ class Takeover:
         self._name = settings.executor_name
         self._file: FileLock | None = None
         self._strays: dict[str, float] = {}
-        """Jobs of ours that nobody had at the last look, and since when."""
+        """Jobs of ours that this process had not begun at the last look, and since when."""
         self._lost_at: float | None = None
         self._proved_at: float | None = None
         """When it was last known that the name is ours; None: it needs no proof, or none yet."""
@@ -122,15 +124,13 @@ class Takeover:
                 self._lock.end_session(other)
 
     def _begin_strays_anew(self, ours: set[str]) -> None:
-        """A job may be ours without our knowing: the connection broke as it was handed to us, or as it ended.
-
-        On a busy machine it takes a while until a job that was handed to us begins; that it lasts tells the one from
-        the other.
-        """
+        """A job may be ours without our knowing: the connection broke as it was handed to us, or as it ended."""
         now = time.monotonic()
-        self._strays = {job: self._strays.get(job, now) for job in ours - self._at_work()}
-        patience = max(self._settings.watch_seconds, self._settings.patience_seconds)
-        self._begin_anew(self._name, {job for job, since in self._strays.items() if now - since >= patience})
+        strays = {job: self._strays.get(job, now) for job in ours - self._at_work()}
+        lost = {job for job, since in strays.items() if now - since >= BEGINNING_SECONDS}
+        self._begin_anew(self._name, lost)
+        # Whoever is handed one of them next, and be it this worker, has as long.
+        self._strays = {job: since for job, since in strays.items() if job not in lost}
 
     def _begin_anew(self, worker: str, jobs: set[str]) -> None:
         taken = self._queue.begin_anew(worker, jobs)
