@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -138,8 +138,8 @@ class AssetShelf:
         """
         path = self.mesh_path(mesh)
         try:
-            points = _vertices(path) * mesh.scale
-            return points[ConvexHull(points).vertices]
+            corners = _hull_corners(path) if mesh.package is None else _package_corners(path)
+            return corners * mesh.scale
         except MeshRefused as error:
             raise AssetError(f"{mesh.path}: {error}") from error
         except (QhullError, ValueError) as error:
@@ -188,11 +188,18 @@ def _format_of(path: Path) -> MeshFormat:
     return MESH_FORMATS.get(path.suffix.lower(), "obj")
 
 
-def _vertices(path: Path) -> Array:
-    """Return the vertices (n, 3) of a mesh file, in its own unit."""
+def _hull_corners(path: Path) -> Array:
+    """Return the corners (n, 3) of the convex hull of a mesh file, in its own unit."""
     content = path.read_bytes()
     file_format = _format_of(path)
-    return obj_vertices(content) if file_format == "obj" else read_mesh_file(content, file_format)[0]
+    vertices = obj_vertices(content) if file_format == "obj" else read_mesh_file(content, file_format)[0]
+    return vertices[ConvexHull(vertices).vertices]
+
+
+@lru_cache(maxsize=256)
+def _package_corners(path: Path) -> Array:
+    """Return `_hull_corners` of a file that stays what it is; kept, since cells that are checked share most robots."""
+    return _hull_corners(path)
 
 
 def shipped_shelf() -> AssetShelf:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numba import njit
@@ -158,6 +158,14 @@ def enclosing_hull(points: Array, settings: HullSettings | None = None) -> Array
     settings = settings or HullSettings()
     if len(points) <= settings.most_vertices:
         return points
+    # A copy: compiled code takes an array that must not be written to for one of another type.
+    return _enclosing_hull(np.asarray(points, dtype=float).tobytes(), settings).copy()
+
+
+@lru_cache(maxsize=256)
+def _enclosing_hull(corners: bytes, settings: HullSettings) -> Array:
+    """Return the vertices around corners (n, 3), to be copied; kept, since cells that are checked share most parts."""
+    points = np.frombuffer(corners).reshape(-1, 3)
     vertices = points[_farthest_points(points, settings)]
     for _ in range(settings.rounds):
         vertices = _pushed_out(vertices, points)

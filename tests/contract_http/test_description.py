@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.service import FAKE_SOLVER, ROOT
+from support.service import FAKE_EXAMINER, FAKE_SOLVER, ROOT
 from support.serving import served
 
 from app.access.caller import Scope
@@ -111,6 +111,7 @@ def guarded(tmp_path: Path) -> Any:
             "data_dir": tmp_path,
             # A document that is made up would not be as described.
             "solver_command": (*FAKE_SOLVER, "fail"),
+            "study_command": FAKE_EXAMINER,
             "worker_slots": 1,
             "requests_per_second": 10_000,
             "request_burst": 10_000,
