@@ -12,7 +12,7 @@ import numpy as np
 from planners.contract.shapes import Cylinder
 from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, Transform, from_pose7, inverse, pose_row, transform
-from planners.kinematics.forward import flange_pose
+from planners.kinematics.forward import flange_pose_of_plan
 from planners.plan.plan import Plan
 from planners.plan.scenery import BodyDocument
 from planners.plan.segment import Grip, Segment, riding_on
@@ -56,7 +56,10 @@ class Playback:
         """Return a moment with the plate, and what hangs on it, as high as the hands have raised it since the end."""
         ended, arms = self.plan.at(self.plan.duration).positions, self.plan.cell.arms
         heights = [
-            [flange_pose(arm.dh, arm.T_world_base, q[6 * i : 6 * i + 6])[2, 3] for i, arm in enumerate(arms.values())]
+            [
+                flange_pose_of_plan(arm.dh, arm.T_world_base, q[6 * i : 6 * i + 6])[2, 3]
+                for i, arm in enumerate(arms.values())
+            ]
             for q in (ended, moment.positions)
         ]
         up = float(np.mean(heights[1]) - np.mean(heights[0])) * UP

@@ -53,6 +53,14 @@ def flange_pose(dh: Array, T_world_base: Transform, q: Array) -> Transform:
     return frames[6].copy()
 
 
+def flange_pose_of_plan(dh: Array, T_world_base: Transform, q: Array) -> Transform:
+    """Return `flange_pose` of arrays as a plan holds them, which must not be written to.
+
+    Compiled code takes such an array for one of another type, for which it would first be compiled: some seconds.
+    """
+    return flange_pose(np.array(dh, dtype=float), np.array(T_world_base, dtype=float), np.array(q, dtype=float))
+
+
 @njit(cache=True, nogil=True)
 def jacobian(dh: Array, T_world_base: Transform, q: Array, point_world: Array) -> Array:
     """Return J (6, 6) with `[v; w] = J @ dq` in world axes.

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from planners.kinematics.forward import flange_pose, frame_motion, jacobian, link_frames
+from planners.kinematics.forward import flange_pose, flange_pose_of_plan, frame_motion, jacobian, link_frames
 from tests.kinematics.arm_oracle import ARMS, UR3E, PinocchioArm, published_urdf, random_pose
 
 
@@ -32,6 +32,18 @@ def test_flange_is_where_the_published_urdf_puts_it():
         pin.framesForwardKinematics(model, data, q)
         expected = data.oMf[base].actInv(data.oMf[tool]).homogeneous
         np.testing.assert_allclose(flange_pose(UR3E, np.eye(4), q), expected, atol=2e-9)
+
+
+def test_nothing_is_compiled_for_arrays_that_must_not_be_written_to():
+    """Arms are watched by such: those of a plan. Compiling takes seconds, in which they would not be."""
+    q = np.arange(6.0)
+    expected = flange_pose(UR3E, np.eye(4), q)
+    compiled = set(flange_pose.signatures)
+    sealed = [array.copy() for array in (UR3E, np.eye(4), q)]
+    for array in sealed:
+        array.setflags(write=False)
+    np.testing.assert_array_equal(flange_pose_of_plan(*sealed), expected)
+    assert set(flange_pose.signatures) == compiled
 
 
 def test_each_frame_follows_from_the_one_before_by_its_row_of_the_table():

@@ -13,7 +13,7 @@ from support.plan_shelf import PlanShelf
 from support.service import ROOT, task
 
 from planners.geometry.pose import rotation_angle
-from planners.kinematics.forward import flange_pose
+from planners.kinematics.forward import flange_pose, flange_pose_of_plan
 from planners.lifting.hand_admittance import HandAdmittance
 from planners.program.schedule import Schedule
 from planners.program.urscript import BEARING_TOLERANCE
@@ -39,7 +39,7 @@ def assert_on_plate_as_planned(schedule: Schedule, recordings: Recordings) -> No
                 free += step.duration
             for q, planned_q in zip(recording.q[rows], planned, strict=True):
                 T, T_planned = (
-                    flange_pose(described.dh, described.T_world_base, each) @ mine.T_flange_tcp
+                    flange_pose_of_plan(described.dh, described.T_world_base, each) @ mine.T_flange_tcp
                     for each in (q, planned_q)
                 )
                 assert np.linalg.norm(T[:3, 3] - T_planned[:3, 3]) < HandAdmittance.largest_correction + 1e-3
@@ -61,6 +61,8 @@ def test_shipped_tasks_that_have_a_plan_are_executed_to_their_end(shelf: PlanShe
         assert execution.is_done, execution.stop
         for step in schedule.steps:
             assert np.percentile(apart(recordings, step.number), 99) < 0.008
+        # Nothing was compiled for a plan's arrays, which are not to be written to, while arms moved.
+        assert all(argument.mutable for signature in flange_pose.signatures for argument in signature)
         if isinstance(physics, PhysicalLift):
             assert_on_plate_as_planned(schedule, recordings)
             assert physics.untracked

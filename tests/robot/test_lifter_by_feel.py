@@ -18,7 +18,7 @@ from support.service import task
 
 from planners.contract.arrays import ArmName
 from planners.contract.task_spec import PlateLiftTask
-from planners.kinematics.forward import flange_pose
+from planners.kinematics.forward import flange_pose_of_plan
 from planners.plan.plan import Plan
 from planners.program.schedule import Schedule, WrenchCurve
 from workers.simulation.settings import CupSettings
@@ -50,7 +50,7 @@ def heights(schedule: Schedule, arm: ArmName, recording: Recording, since: float
     """Return how high a flange is in each control cycle since a time [m]."""
     described = schedule.plan.cell.arms[arm]
     joints = recording.q[recording.time > since]
-    return np.array([flange_pose(described.dh, described.T_world_base, q)[2, 3] for q in joints])
+    return np.array([flange_pose_of_plan(described.dh, described.T_world_base, q)[2, 3] for q in joints])
 
 
 @pytest.fixture(scope="module")

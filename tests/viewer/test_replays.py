@@ -16,7 +16,7 @@ from app.cli.replay_command import replay_files
 from app.viewer.description.charts import MILLIRADIANS, executed_charts
 from app.viewer.page import describe_plan
 from app.viewer.playback import Playback
-from planners.kinematics.forward import flange_pose
+from planners.kinematics.forward import flange_pose_of_plan
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from workers.robot.execution_log import ExecutedMotion, NotALog
@@ -104,7 +104,7 @@ def test_behind_the_lifter_the_plate_is_as_high_as_the_hands_and_nothing_is_off_
     rises = []
     for arm in ARMS:
         here, there = (
-            flange_pose(arms[arm].dh, arms[arm].T_world_base, np.array(q))[2, 3]
+            flange_pose_of_plan(arms[arm].dh, arms[arm].T_world_base, np.array(q))[2, 3]
             for q in (lifted[arm]["positions"], ended.positions[6 * ARMS.index(arm) :][:6])
         )
         rises.append(here - there)

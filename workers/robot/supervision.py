@@ -10,7 +10,7 @@ import numpy as np
 
 from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array, rotation_angle
-from planners.kinematics.forward import flange_pose
+from planners.kinematics.forward import flange_pose_of_plan
 from planners.lifting.hand_admittance import HandAdmittance
 from planners.program.schedule import ArmStep, Schedule
 from planners.program.urscript import APART_IN_LIFT, BEARING_TOLERANCE, ProgramState
@@ -68,6 +68,11 @@ class ArmSupervisor:
 
     schedule: Schedule
     settings: SupervisionSettings
+
+    def __post_init__(self) -> None:
+        # Compiled code is loaded by its first call, which takes longer than arms in motion may be left alone.
+        for described in self.schedule.plan.cell.arms.values():
+            flange_pose_of_plan(described.dh, described.T_world_base, np.zeros(6))
 
     def fault(self, states: Mapping[ArmName, ArmState], silences: Mapping[ArmName, float]) -> Stop | None:
         """Return the first thing that is wrong.
@@ -134,7 +139,7 @@ class ArmSupervisor:
             return True
         described = self.schedule.plan.cell.arms[arm]
         T_planned, T_told = (
-            flange_pose(described.dh, described.T_world_base, np.ascontiguousarray(q, dtype=float)) @ step.T_flange_tcp
+            flange_pose_of_plan(described.dh, described.T_world_base, q) @ step.T_flange_tcp
             for q in (expected, positions)
         )
         return (
