@@ -65,7 +65,7 @@ from workers.engine.housekeeping import DELETION_PAUSE_SECONDS
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker
 from workers.solver.feasibility_pool import FeasibilityPool
-from workers.solver.pool import SolverCommand
+from workers.solver.pool import SolverCommand, SolverPool
 from workers.stores.cell_store import CellStore
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
@@ -91,13 +91,20 @@ DESCRIPTION = (
 log = structlog.get_logger(__name__)
 
 
-def create_app(settings: ServiceSettings, *, with_worker: bool, ask_for_keys: bool | None = None) -> FastAPI:
+def create_app(
+    settings: ServiceSettings,
+    *,
+    with_worker: bool,
+    ask_for_keys: bool | None = None,
+    solvers: SolverPool | None = None,
+) -> FastAPI:
     """Return the service.
 
     Args:
         settings: of the service.
         with_worker: whether a worker is in the same process; else they are elsewhere, on the same database.
         ask_for_keys: as was decided for all processes of the service; None: it is decided when this one starts.
+        solvers: of that worker, which closes them; None: some that it opens when the service starts.
     """
 
     @asynccontextmanager
@@ -151,7 +158,7 @@ def create_app(settings: ServiceSettings, *, with_worker: bool, ask_for_keys: bo
             ways = FeasibilityPool(command, settings.max_lifts_kept)
             to_close.push_async_callback(ways.close)
             app.state.other_ways = OtherWays(ways, TaskParts(app.state.meshes, kept_cells))
-            worker = Worker(settings, database, queue, store, supervisor) if with_worker else None
+            worker = Worker(settings, database, queue, store, supervisor, solvers) if with_worker else None
             if worker is not None:
                 to_close.push_async_callback(worker.stop)
             to_close.push_async_callback(app.state.scene_servers.close)

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import dataclass
 from errno import EADDRINUSE
 from fcntl import LOCK_EX, LOCK_NB, flock
 from functools import partial
@@ -137,16 +138,24 @@ def serve(settings: ServiceSettings, *, with_worker: bool) -> None:
         _refuse_second_worker(settings)
     sockets = bind(settings.host, settings.port)
 
-    def load(tell: Callable[[str], None]) -> FastAPI:
+    def load(start: Start) -> FastAPI:
+        solvers = None
         if with_worker:
-            tell("loading kernels and handovers; the first start compiles and computes them, which takes some minutes")
+            start.tell(
+                "loading kernels and handovers; the first start compiles and computes them, which takes some minutes"
+            )
             _warm_up_once(settings)
-        tell("loading planners, cells and tools")
+            from workers.solver.pool import SolverPool
+
+            # They take as long to load as all that follows, and do it meanwhile.
+            solvers = SolverPool.of(settings)
+            start.call(solvers.open)
+        start.tell("loading planners, cells and tools")
         with loading():
             # Here, because it takes seconds in which probes are answered already.
             from app.create_app import create_app
 
-        return create_app(settings, with_worker=with_worker, ask_for_keys=ask_for_keys)
+        return create_app(settings, with_worker=with_worker, ask_for_keys=ask_for_keys, solvers=solvers)
 
     service = LoadedWhileServing(load)
     server = _Server(server_configuration(service, settings), "keys" if ask_for_keys else "none", service)
@@ -310,6 +319,16 @@ def _starting_page(doing: str) -> HTMLResponse:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Start:
+    """What whoever loads the service may call meanwhile, from any thread."""
+
+    tell: Callable[[str], None]
+    """Says how far it is."""
+    call: Callable[[Callable[[], None]], object]
+    """Has something called on the loop on which the service will run."""
+
+
 class LoadedWhileServing:
     """ASGI application: a service that is loaded while connections are taken already.
 
@@ -317,8 +336,8 @@ class LoadedWhileServing:
     for browsers that ask for one.
     """
 
-    def __init__(self, load: Callable[[Callable[[str], None]], FastAPI]) -> None:
-        """Take what returns the service, from a thread of its own; it is given what to tell how far it is."""
+    def __init__(self, load: Callable[[Start], FastAPI]) -> None:
+        """Take what returns the service, from a thread of its own."""
         self._load, self._doing = load, "reading its settings"
         self._service: FastAPI | None = None
         self.failure: BaseException | None = None
@@ -357,7 +376,8 @@ class LoadedWhileServing:
     async def _run(self, stop: asyncio.Event) -> None:
         """Load the service, and have it live until it is to stop."""
         try:
-            service = await _in_a_thread(lambda: self._load(self._tell))
+            start = Start(self._tell, asyncio.get_running_loop().call_soon_threadsafe)
+            service = await _in_a_thread(lambda: self._load(start))
             self._tell("opening the database and starting what works in the background")
             async with service.router.lifespan_context(service):
                 self._service = service

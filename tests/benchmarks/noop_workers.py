@@ -17,13 +17,14 @@ import os
 import signal
 import sys
 import time
+from typing import Self
 
 import workers.engine.worker
 from app.logs import set_up_logs
 from app.serve import _work  # pyright: ignore[reportPrivateUsage]
 from planners.progress import Report
 from workers.settings import WorkerSettings
-from workers.solver.pool import OnCertified, OnReport, SolverCommand
+from workers.solver.pool import OnCertified, OnReport
 from workers.solver.protocol import SolverRequest
 from workers.stores.plan_store import PackedDocument
 
@@ -37,9 +38,13 @@ START_PAUSE_SECONDS = 0.1
 class MadeUpPool:
     """Stands in for `SolverPool`, without a process."""
 
-    def __init__(self, command: SolverCommand, slots: int) -> None:
-        del command
+    def __init__(self, slots: int) -> None:
         self._slots = slots
+
+    @classmethod
+    def of(cls, settings: WorkerSettings) -> Self:
+        """Return the pool of a worker."""
+        return cls(settings.worker_slots)
 
     def open(self) -> None:
         """Start nothing."""

@@ -18,7 +18,7 @@ from support.serving import served
 from app import create_app as create_app_module
 from app.create_app import create_app
 from app.resources.plan_feed import PlanFeed
-from app.serve import LoadedWhileServing
+from app.serve import LoadedWhileServing, Start
 from app.server.answer_headers import BROWSER_HEADERS, REQUEST_ID
 from app.server.configuration import server_configuration
 from app.settings import ServiceSettings
@@ -75,7 +75,7 @@ def test_the_service_is_not_ready_while_anything_in_the_background_keeps_failing
 
 
 @contextmanager
-def loading(load: Callable[[Callable[[str], None]], Any]) -> Iterator[tuple[httpx.Client, LoadedWhileServing]]:
+def loading(load: Callable[[Start], Any]) -> Iterator[tuple[httpx.Client, LoadedWhileServing]]:
     """Serve what is still loaded, in a thread of the test."""
     service = LoadedWhileServing(load)
     server = uvicorn.Server(server_configuration(service, ServiceSettings(port=0), goodbye_seconds=1))
@@ -93,11 +93,25 @@ def loading(load: Callable[[Callable[[str], None]], Any]) -> Iterator[tuple[http
         assert not thread.is_alive()
 
 
+def test_what_takes_long_is_begun_on_the_services_loop_while_it_loads(tmp_path: Path) -> None:
+    """So solvers load beside the service, not after it."""
+    begun, seen = threading.Event(), list[bool]()
+
+    def load(start: Start) -> FastAPI:
+        start.call(begun.set)
+        seen.append(begun.wait(60))
+        return create_app(ServiceSettings(data_dir=tmp_path), with_worker=False)
+
+    with loading(load) as (client, _):
+        wait_for(lambda: client.get("/readyz").is_success)
+    assert seen == [True]
+
+
 def test_while_it_loads_a_service_lives_is_not_ready_and_says_what_is_waited_for(tmp_path: Path) -> None:
     loaded = threading.Event()
 
-    def load(tell: Callable[[str], None]) -> FastAPI:
-        tell("compiling for a minute")
+    def load(start: Start) -> FastAPI:
+        start.tell("compiling for a minute")
         loaded.wait(60)
         return create_app(ServiceSettings(data_dir=tmp_path), with_worker=False)
 
@@ -121,7 +135,7 @@ def test_while_it_loads_a_service_lives_is_not_ready_and_says_what_is_waited_for
 def test_a_service_that_can_never_be_loaded_ends_with_the_reason() -> None:
     tried = threading.Event()
 
-    def load(_: Callable[[str], None]) -> Any:
+    def load(_: Start) -> Any:
         tried.wait(60)
         raise LiftwrightError("the solver does not work")
 
@@ -134,7 +148,7 @@ def test_a_service_that_can_never_be_loaded_ends_with_the_reason() -> None:
 def test_a_service_that_still_loads_stops_when_it_is_told_to() -> None:
     loaded = threading.Event()
 
-    def load(_: Callable[[str], None]) -> Any:
+    def load(_: Start) -> Any:
         loaded.wait(60)
         raise LiftwrightError("nobody waits for that any more")
 

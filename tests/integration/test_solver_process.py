@@ -298,6 +298,19 @@ def test_nothing_of_a_job_is_there_when_the_next_one_is_begun() -> None:
     assert asyncio.run(run()) == [b"1"] * 3
 
 
+def test_a_pool_that_was_opened_while_the_service_loads_is_not_opened_again() -> None:
+    async def run() -> int:
+        pool = SolverPool(COMMAND, slots=2)
+        pool.open()
+        pool.open()
+        try:
+            return await pool.loaded()
+        finally:
+            await pool.close()
+
+    assert asyncio.run(run()) == 2
+
+
 LEAVING = """
 import subprocess, sys
 from workers.solver.process import main

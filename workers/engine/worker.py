@@ -33,7 +33,6 @@ from workers.engine.takeover import Takeover
 from workers.settings import WorkerSettings
 from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import SolverCommand, SolverPool
-from workers.solver.protocol import HANDOVERS_VARIABLE, REJECTED_VARIABLE
 from workers.stores.cell_store import CellStore
 from workers.stores.database import Database
 from workers.stores.database_loss import DATABASE_GONE, said_by
@@ -60,7 +59,8 @@ from workers.stores.task_parts import TaskParts
 from workers.stores.webhook_store import WebhookStore
 from workers.webhooks.runner import WebhookRunner
 
-REJECTED_FOLDER = "rejected"
+STUDIES_NICER = 5
+"""So much further than solvers of plans do those of studies stand back."""
 GOODBYE_SECONDS = 10.0
 """How long the engine may take to end [s]."""
 LAUNCHES = 10
@@ -75,21 +75,32 @@ class Worker:
     """Runs jobs on the running event loop. One per process: the engine is a process-wide thing."""
 
     def __init__(
-        self, settings: WorkerSettings, database: Database, queue: JobQueue, store: PlanStore, supervisor: Supervisor
+        self,
+        settings: WorkerSettings,
+        database: Database,
+        queue: JobQueue,
+        store: PlanStore,
+        supervisor: Supervisor,
+        pool: SolverPool | None = None,
     ) -> None:
+        """Take what jobs are worked with.
+
+        Args:
+            settings: of the worker.
+            database: that jobs and plans are in.
+            queue: of jobs, in the database.
+            store: of plans, in the database.
+            supervisor: has everything looked after that recurs.
+            pool: of solvers, which may have been opened; this worker closes it. None: one of its own.
+        """
         self._settings, self._database, self._queue, self._store = settings, database, queue, store
         self._supervisor = supervisor
-        rejected = settings.data_dir.resolve() / REJECTED_FOLDER
-        folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
-        memory = settings.solver_memory_mb * 2**20
-        command = SolverCommand(settings.solver_command, folders, memory, settings.solver_niceness)
-        self._pool = SolverPool(command, settings.worker_slots)
+        self._pool = SolverPool.of(settings) if pool is None else pool
         self._cells = CellStore(database, settings.cells_dir)
         parts = TaskParts(MeshStore(database), self._cells)
         self._runner = JobRunner(settings, queue, store, parts, self._pool)
         self._studies = StudyStore(database, store, queue)
-        studies = SolverCommand(settings.study_command, folders, memory, min(19, settings.solver_niceness + 5))
-        self._examiners = ExaminerPool(studies)
+        self._examiners = ExaminerPool(SolverCommand.of(settings, settings.study_command, STUDIES_NICER))
         self._study_runner = StudyRunner(settings, queue, self._studies, parts, self._examiners)
         self._webhooks = WebhookRunner(settings, queue, store, WebhookStore(database))
         self._at_work = Counter[str]()

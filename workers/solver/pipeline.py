@@ -36,8 +36,6 @@ REFERENCE_TOOL_TASKS = ("domino_pile.json", "can_stack.json")
 """Planning the first object of each compiles what suction-tool tasks need beyond that: flat facets and curved ones."""
 PREPARED_TOOLS = ("long_symmetric", "short_asymmetric")
 """Those of paper A that stand in its cell's rest."""
-FEW_HOLDS = {"hold_density": 0.25, "simulate": False}
-"""With so few holds the reference task is answered soon, and nearly all kernels are loaded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +59,7 @@ class Pipeline:
     def warm_up(self) -> Self:
         """Load all cells and nearly all kernels into this process, in some seconds if they are compiled."""
         load_cells()
-        self.solve(SolverRequest("warm-up", write_task(reference_task(**FEW_HOLDS))), silent)
+        self.solve(SolverRequest("warm-up", write_task(reference_task(simulate=False))), silent)
         return self
 
     def compile(self, *kinds: str) -> None:

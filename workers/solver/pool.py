@@ -18,8 +18,11 @@ import structlog
 from planners.errors import LiftwrightError
 from planners.plan.verdicts import Feasibility
 from planners.progress import Report
+from workers.settings import WorkerSettings
 from workers.solver.protocol import (
+    HANDOVERS_VARIABLE,
     MAX_LINE,
+    REJECTED_VARIABLE,
     AnyRequest,
     DocumentHeader,
     FeasibilityRequest,
@@ -28,6 +31,9 @@ from workers.solver.protocol import (
     StudyRequest,
 )
 from workers.stores.plan_store import PackedDocument
+
+REJECTED_FOLDER = "rejected"
+"""Below the data directory: where documents are kept that failed their certificate."""
 
 READY_SECONDS = 300.0
 """A child that is not ready after this long will never be [s]; one that has to compile takes a minute."""
@@ -75,6 +81,13 @@ class SolverCommand:
     """So much it, and each process it starts, may take for data; None: as much as there is."""
     niceness: int = 0
     """Added to the worker's own, for it and each process it starts."""
+
+    @classmethod
+    def of(cls, settings: WorkerSettings, words: tuple[str, ...], nicer: int = 0) -> Self:
+        """Return how a worker starts a process that plans; `nicer` is how much further it stands back than solvers."""
+        rejected = settings.data_dir.resolve() / REJECTED_FOLDER
+        folders = {REJECTED_VARIABLE: str(rejected), HANDOVERS_VARIABLE: str(settings.handovers_dir)}
+        return cls(words, folders, settings.solver_memory_mb * 2**20, min(19, settings.solver_niceness + nicer))
 
 
 async def _weigh_session(leader: int, niceness: int) -> None:
@@ -279,10 +292,18 @@ class SolverPool:
         """Those that do not work on a job; the result is None if the child failed to get ready."""
         self._working = 0
         """Jobs that have a child, or wait for one."""
-        self._closed = False
+        self._open, self._closed = False, False
+
+    @classmethod
+    def of(cls, settings: WorkerSettings) -> Self:
+        """Return the pool of a worker; no child is started yet."""
+        return cls(SolverCommand.of(settings, settings.solver_command), settings.worker_slots)
 
     def open(self) -> None:
-        """Start the children. A job waits for the one that is ready soonest."""
+        """Start the children, if they were not started before. A job waits for the one that is ready soonest."""
+        if self._open:
+            return
+        self._open = True
         for _ in range(self._slots):
             self._get_ready(None)
 
