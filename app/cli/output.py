@@ -20,6 +20,7 @@ BAD_INPUT = 3
 """Exit code."""
 STAGES = MappingProxyType(
     {
+        "load": "loading the planner",
         "scene": "building the scene",
         "cup places": "trying places of the cup",
         "sample": "sampling poses of the plate",

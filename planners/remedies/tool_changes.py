@@ -59,7 +59,11 @@ _CUP_REASONS = ("heavier than the cup", "large as the pad", "can sit", "peel", "
 """Words of causes for which another cup may help."""
 _WEIGHT_REASONS = ("heavier than", "more of one hand")
 """Words of causes that tell a weight [N] and what bears it."""
-_LIGHTER = (1.0, 0.9, 0.75, 0.6)
+_SQUEEZE_REASONS = ("harder squeeze",)
+"""Words of causes that tell the squeeze of fingers [N]."""
+_PRESSED = (0.1, 0.3, 0.6)
+"""How much more fingers press than the least that may help, as shares of what the gripper has left for that [1]."""
+_LIGHTER = (1.0, 0.9, 0.8, 0.7, 0.6)
 """How much of what is borne an object weighs, the heaviest first [1]."""
 
 
@@ -339,16 +343,33 @@ class ToolChanges:
             way, size = "larger" if share > 1.0 else "smaller", abs(share - 1.0)
             yield from self._of([_other_cup(tool, "cup_radius", told, {"radius": radius}, way, size)])
 
-    def _limits(self) -> Iterator[TaskChange]:
-        """All that the arms' payloads and the gripper allow, where the task asks for less."""
+    def _limits(self) -> Iterator[TaskChange | None]:
+        """More of what the arms' payloads and the gripper allow, where the task asks for less."""
         if self.task.carry_force_limit is not None:
             sentence = "Let a hand carry all that its arm's payload leaves."
             yield from self._of([TaskChange("hand_limits", sentence, (put("/carry_force_limit", None),))])
         scene = self._build(self.task)
         most = min(scene.cell.gripper(arm).force_max for arm in scene.cell.gripper_arms)
         if self.task.grip_force_limit < most:
-            sentence = f"Let a finger press with up to {most:g} N instead of {self.task.grip_force_limit:g} N."
-            yield from self._of([TaskChange("hand_limits", sentence, (put("/grip_force_limit", most),))])
+            yield from self._smallest(map(self._pressing, self._finger_forces(most)))
+
+    def _finger_forces(self, most: float) -> list[float]:
+        """Return what a finger may press with, up to the most that the gripper does [N]: whole newtons before that.
+
+        Where the plan tells how much squeeze is missing, what is added to that first is what is kept back.
+        """
+        stated, short = self.task.grip_force_limit, [0.0]
+        for cause in self._explanation.causes:
+            if any(words in cause.reason for words in _SQUEEZE_REASONS) and cause.unit == "N":
+                short.append((cause.needed or 0.0) - (cause.available or 0.0))
+        least = stated + max(short)
+        between = {math.ceil(least + share * (most - least)) for share in _PRESSED}
+        return [*sorted(force for force in between if stated < force < most), most]
+
+    def _pressing(self, force: float) -> TaskChange:
+        stated = self.task.grip_force_limit
+        sentence = f"Let a finger press with up to {force:g} N instead of {stated:g} N."
+        return TaskChange("hand_limits", sentence, (put("/grip_force_limit", force),), "press", force - stated)
 
 
 def _other_cup(

@@ -248,6 +248,9 @@ def _check_base(arm: Arm, table: StaticBox, mount: str, faults: AssetFaults) -> 
     if sunk > SUNK:
         detail = f"the arm's base is {1e3 * sunk:.1f} mm deep in the table; {1e3 * SUNK:g} mm are allowed"
         faults.add(detail, mount, f"/arms/{arm.name}/position")
+    if -sunk > (length := _length(arm.robot)):
+        detail = f"the arm's base is {-sunk:.4g} m from the table, and the arm is {length:.3g} m long{_UNIT}"
+        faults.add(detail, mount, f"/arms/{arm.name}/position")
 
 
 def _distance(one: CollisionBody, T_world_one: Transform, other: CollisionBody, T_world_other: Transform) -> float:

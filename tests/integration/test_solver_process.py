@@ -24,7 +24,7 @@ from support.service import FAKE_SOLVER, ROOT, wait_for
 from planners.progress import Report
 from workers.settings import SOLVER_COMMAND
 from workers.solver import pool as pool_module
-from workers.solver.pool import OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
+from workers.solver.pool import LOADING, OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver.process import COMPILE
 from workers.solver.protocol import SolverRequest
 from workers.solver.warm_up import CACHE_VARIABLE
@@ -272,6 +272,29 @@ def test_a_burst_of_jobs_has_a_process_each_and_waits_for_no_start(tmp_path: Pat
 
     asyncio.run(asyncio.wait_for(run(), 60.0))
     assert children() == others
+
+
+def test_a_job_that_waits_for_a_solver_to_load_says_so(tmp_path: Path) -> None:
+    gate, told = tmp_path / "gate", list[str]()
+
+    async def keep(report: Report) -> None:
+        told.append(report.name)
+        gate.touch()
+
+    async def run() -> None:
+        pool = SolverPool(SolverCommand((sys.executable, "-c", GATED, str(gate)), {}), slots=1)
+        pool.open()
+        try:
+            await pool.solve(request("now"), keep)
+            assert told[0] == LOADING.name
+            told.clear()
+            await pool.loaded()
+            await pool.solve(request("now"), keep)
+            assert LOADING.name not in told
+        finally:
+            await pool.close()
+
+    asyncio.run(asyncio.wait_for(run(), 60.0))
 
 
 REMEMBERING = """

@@ -82,6 +82,23 @@ def test_fingers_bear_where_they_do_not_slip_with_what_friction_is_not_kept_back
     assert 0 < borne.sum() < borne.size
 
 
+@pytest.mark.parametrize("squeeze", [15.0, 30.0, 60.0])
+def test_fingers_bear_in_just_the_grasps_whose_least_squeeze_is_no_more_than_theirs(
+    scene: SuctionToolScene, poses: Array, long_grasps: ToolGrasps, squeeze: float
+) -> None:
+    static_hold = StaticHold(scene, 0.5)
+    load = static_hold.load(SuckedObject(scene.objects[0].name, OFF_CENTRE))
+    least = np.array([static_hold.least_squeezes(load, long_grasps, T) for T in poses])
+    # However hard a finger presses with what it bears beyond the squeeze.
+    borne = static_hold.borne(
+        load._replace(fingers=np.array([squeeze, 1e3, *load.fingers[2:]])), long_grasps, np.ascontiguousarray(poses)
+    )
+    clear = np.abs(least - squeeze) > 1e-6
+    assert clear.mean() > 0.9
+    np.testing.assert_array_equal(borne[clear], (least <= squeeze)[clear])
+    assert len(np.unique(borne)) == 2
+
+
 def test_only_arms_whose_payload_is_left_carry_a_load_at_rest(scene: SuctionToolScene) -> None:
     sucked, body = SuckedObject(scene.objects[0].name, OFF_CENTRE), scene.objects[0].body
     empty, laden = scene.tool.mass * 9.81, (scene.tool.mass + (body.mass or 0.0)) * 9.81

@@ -16,6 +16,7 @@ from planners.contract.task_change import changed
 from planners.contract.task_spec import SuctionToolTask, write_task
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
+from planners.plan.verdicts import Cause
 from planners.planning import TaskSolver
 from planners.remedies.change import TaskChange, moved_pose
 from planners.remedies.tool_changes import ToolChanges
@@ -184,6 +185,33 @@ def test_a_wall_that_is_in_the_way_alone_is_changed_alone(too_heavy: Plan) -> No
         pytest.approx(HEIGHT - 0.1),
         pytest.approx(HEIGHT - 0.2),
     ]
+
+
+@pytest.mark.parametrize(("enough", "offered"), [(70.0, 2), (200.0, 1), (1e3, 0)])
+def test_fingers_press_no_harder_than_helps(enough: float, offered: int, too_heavy: Plan) -> None:
+    """More than what the plan tells to be missing, less than the gripper's most; what does not help is not offered."""
+    task = read_task({"kind": "suction_tool", "objects": [PART]})
+    assert isinstance(task, SuctionToolTask)
+    most = build_scene(task).cell.gripper("left").force_max  # type: ignore[union-attr]
+    missing = Cause(reason="The tool needs a harder squeeze.", needed=48.0, available=41.0, unit="N", where="part")
+    failed = too_heavy.model_copy(
+        update={"explanation": too_heavy.explanation.model_copy(update={"causes": (missing,)})}
+    )
+    asked = list[float]()
+
+    def helps(change: TaskChange) -> bool:
+        other = change.applied(task)
+        assert other is not None
+        asked.append(other.grip_force_limit)
+        return other.grip_force_limit >= enough
+
+    changes = [each for each in ToolChanges(task, build_scene, failed, helps)._limits() if each is not None]
+    assert asked[0] == most
+    assert all(task.grip_force_limit + 7.0 < force <= most for force in asked)
+    tried = sorted(asked)
+    helping = [force for force in tried if force >= enough]
+    assert [change.applied(task).grip_force_limit for change in changes] == sorted({*helping[:1], *helping[-1:]})  # type: ignore[union-attr]
+    assert len(changes) == offered
 
 
 def test_of_many_obstacles_those_next_to_start_and_goal_are_tried(too_heavy: Plan) -> None:

@@ -194,11 +194,21 @@ def in_millimetres(value: Any) -> Any:
     return [in_millimetres(each) for each in value] if isinstance(value, list) else 1000.0 * value
 
 
+def with_one_arm_in_millimetres(mount: dict[str, Any]) -> dict[str, Any]:
+    x, y, z = mount["arms"]["right"]["position"]
+    return {**mount, "arms": {**mount["arms"], "right": {**mount["arms"]["right"], "position": [x, 1000.0 * y, z]}}}
+
+
 REST = {"clearance": 0.02, "height": 0.05, "thickness": 0.005}
 UNLIKELY: dict[str, tuple[dict[str, Any], str, str]] = {
     "all in millimetres": (
         {"mount": in_millimetres(station()["mount"])},
         "/mount/table/size",
+        "all lengths in metres?",
+    ),
+    "an arm in millimetres": (
+        {"mount": with_one_arm_in_millimetres(station()["mount"])},
+        "/mount/arms/right/position",
         "all lengths in metres?",
     ),
     "a tool rest beside the table": ({"tool_rest": {"position": [5, 5], **REST}}, "/tool_rest/position", "x 0 to 1.2"),
@@ -230,7 +240,7 @@ def test_what_is_seldom_meant_is_refused_in_one_line(
 
 
 def test_a_cell_whose_hands_reach_nothing_of_the_table_is_refused(tmp_path: Path) -> None:
-    far = bundle(table__center=[8.0, 0.0, 0.88])
+    far = bundle(table__center=[2.4, 0.0, 0.88])
     cell = load_checked(far, tmp_path)
     with pytest.raises(AssetError, match="no hand reaches any place 100 mm above it") as caught:
         surveyed(cell, far)

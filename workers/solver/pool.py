@@ -50,6 +50,9 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THRE
 SESSION_TRIES = 20
 """How often the weight of a solver's session is set, a tenth of a second apart [1]."""
 
+LOADING = Report("load", 0, 0)
+"""A job waits for a solver that is still loading."""
+
 OnReport = Callable[[Report], Awaitable[None]]
 OnCertified = Callable[[PackedDocument], Awaitable[None]]
 OnPoint = Callable[[dict[str, object]], Awaitable[None]]
@@ -330,7 +333,7 @@ class SolverPool:
 
         Args:
             request: what is to be solved.
-            on_report: told of progress.
+            on_report: told of progress, and at first of `LOADING` where no child is ready yet.
             most_seconds: so long the solver may take, from when it is ready [s]; None: as long as it likes.
             on_certified: given the document once it is certified, if more is added to it after that.
 
@@ -343,6 +346,8 @@ class SolverPool:
         child: SolverProcess | None = None
         answered = False
         try:
+            if not any(each.done() for each in self._waiting):
+                await on_report(LOADING)
             child = await self._take()
             await _wait_until_ready(child)
             async with asyncio.timeout(most_seconds):

@@ -67,6 +67,11 @@ class GraspLayer:
         """(2 n,) the nodes that were asked and found possible."""
         return self.branches > 0
 
+    @cached_property
+    def holds(self) -> NodeMask:
+        """(2 n,) the nodes in which fingers and hand bear tool and object, wherever the arm is."""
+        return self._borne & self._carried
+
     @property
     def asked(self) -> int:
         """How many nodes were asked."""
@@ -76,8 +81,7 @@ class GraspLayer:
         """Find out about nodes (2 n,), as far as that is not known; return those of them that are possible."""
         for number, reach in enumerate(self._reach.values()):
             part = slice(number * self.count, (number + 1) * self.count)
-            held = self._borne[part] & self._carried[part]
-            chosen = np.flatnonzero(nodes[part] & ~self._known[part] & held)
+            chosen = np.flatnonzero(nodes[part] & ~self._known[part] & self.holds[part])
             if len(chosen):
                 found = reach.reached(self.T_world_tool, self._way, chosen, self._load.riding)
                 borne = bearing_branches(
@@ -124,6 +128,18 @@ class GraspLayer:
         ]
         who = "neither arm reaches" if len(arms) > 1 else f"the {arms[0]} arm does not reach"
         return f"{who} all of the straight way to the tool there"
+
+    def missing_squeeze(self) -> tuple[float, float] | None:
+        """Return the least squeeze that any grasp asks for, and the one that fingers exert [N].
+
+        None where some grasp that was asked is borne.
+        """
+        unborne = self._known & ~self._borne
+        if not unborne.any() or (self._known & self._borne).any():
+            return None
+        grasps = next(iter(self._reach.values())).grasps
+        least = self._load.static_hold.least_squeezes(self._load.carried, grasps, self.T_world_tool)
+        return float(np.tile(least, len(self._reach))[unborne].min()), float(self._load.carried.fingers[0])
 
     def _in_the_way(self) -> tuple[str, str] | None:
         """Name two things that touch in one of the grasps that fell for it, of the arm with most of them."""

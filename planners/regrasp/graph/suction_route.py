@@ -76,7 +76,8 @@ class SuctionRoute:
         """Edges whose motion was tried; those that failed are deleted, the reason says why."""
         self.sequences = 0
         """How many sequences were tried."""
-        self._graphs: dict[tuple[int, int], LayeredRegraspGraph] = {}
+        self._graphs: dict[tuple[int, int], LayeredRegraspGraph | None] = {}
+        """None: no sequence can lead through the layers, as far as they were asked."""
         tools = [self.suction.T_world_tool, *(goal.T_world_tool for goal in self.goals)]
         self._side = side_of(np.array(tools), np.zeros(3))
         self.goal_order = sorted(range(len(self.goals)), key=self._turn_to)
@@ -87,12 +88,10 @@ class SuctionRoute:
         if key not in self._graphs:
             self._ask(*key)
             self.tell(ObjectStage.GRAPH)
-            graph = LayeredRegraspGraph(self.start.nodes, self._rounds(*key), self._most if handovers else 0)
-            for edge, rejection in self.tried.items():
-                if rejection is not None:
-                    graph.delete(edge)
-            self._graphs[key] = graph
-        return self._graphs[key].best(handovers)
+            leads_on = self.suction.reached.any() and any(goal.reached.any() for goal in self.goals)
+            self._graphs[key] = self._graph(*key) if leads_on else None
+        graph = self._graphs[key]
+        return None if graph is None else graph.best(handovers)
 
     def passed(self, edge: Edge) -> None:
         """Note that the motion of an edge was found."""
@@ -101,7 +100,7 @@ class SuctionRoute:
     def delete(self, edge: Edge, rejection: Rejection) -> None:
         """Take an edge out of the graph for good."""
         self.tried[edge] = rejection
-        for graph in self._graphs.values():
+        for graph in filter(None, self._graphs.values()):
             graph.delete(edge)
 
     def cost_to_go(self, node: int, q: Array) -> float:
@@ -128,7 +127,7 @@ class SuctionRoute:
     @property
     def edge_count(self) -> int:
         """Edges of the largest graph so far."""
-        return max((graph.edge_count for graph in self._graphs.values()), default=0)
+        return max((graph.edge_count for graph in filter(None, self._graphs.values())), default=0)
 
     @property
     def asked(self) -> int:
@@ -137,10 +136,12 @@ class SuctionRoute:
 
     def _ask(self, handovers: int, goals: int) -> None:
         """Ask the layers for the grasps that sequences with this many handovers could use."""
+        # Where no grasp bears what is on the cup, it does not matter which ones a handover leads to.
+        most = min(handovers, self._most) if self.suction.holds.any() else 0
         before = [self.start.nodes]
-        for _ in range(min(handovers, self._most)):
+        for _ in range(most):
             before.append(_handed(before[-1], self.handovers.masks[0]))
-        for first in range(min(handovers, self._most) + 1):
+        for first in range(most + 1):
             self.tell(ObjectStage.FIRST_REGRASP)
             after = self.suction.ask(before[first])
             for _ in range(handovers - first):
@@ -149,6 +150,13 @@ class SuctionRoute:
             if handovers - first <= self._most and after.any():
                 for goal in self.goal_order[:goals]:
                     self.goals[goal].ask(after)
+
+    def _graph(self, handovers: int, goals: int) -> LayeredRegraspGraph:
+        graph = LayeredRegraspGraph(self.start.nodes, self._rounds(handovers, goals), self._most if handovers else 0)
+        for edge, rejection in self.tried.items():
+            if rejection is not None:
+                graph.delete(edge)
+        return graph
 
     def _rounds(self, handovers: int, goals: int) -> tuple[RoundLayers, RoundLayers]:
         seconds_between, nodes = self.costs.travel_times.between, len(self.start.nodes)
@@ -192,7 +200,13 @@ class SuctionRoute:
 def _empty(end: str, layer: GraspLayer) -> Rejection:
     """Return the rejection of a layer without a node, at start or goal: what keeps its grasps away."""
     name = layer.object_name
-    return Rejection("grasp", f"No grasp has the tool on {name} at its {end}: {layer.hindrance().rstrip('.')}.", name)
+    reason = f"No grasp has the tool on {name} at its {end}: {layer.hindrance().rstrip('.')}."
+    squeeze = layer.missing_squeeze()
+    return (
+        Rejection("grasp", reason, name)
+        if squeeze is None
+        else Rejection.measured("grasp", reason, name, *squeeze, "N")
+    )
 
 
 def _handed(nodes: NodeMask, handovers: HandoverMasks) -> NodeMask:

@@ -19,6 +19,7 @@ from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 from planners.kinematics.inverse import multiply
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
+from planners.regrasp.statics.finger_forces import least_squeeze
 from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.body import Body
 from planners.scene.tool_scene import SuctionToolScene
@@ -77,6 +78,24 @@ class StaticHold:
     def borne(self, load: CarriedLoad, grasps: ToolGrasps, T_world_tools: Array) -> NDArray[np.bool_]:
         """Say at which poses of the tool (m, 4, 4) the fingers bear the load in which grasp: (m, n)."""
         return _borne(load, grasps.T_tool_tcp, grasps.widths, np.ascontiguousarray(T_world_tools))
+
+    def least_squeezes(self, load: CarriedLoad, grasps: ToolGrasps, T_world_tool: Transform) -> Array:
+        """Return the least squeeze with which fingers bear the load at a pose of the tool, in each grasp: (n,) [N].
+
+        What a finger may press with is not asked for.
+        """
+        supports = -load.masses[:, None] * (T_world_tool[:3, :3].T @ load.gravity)
+        force, torque = supports.sum(axis=0), np.cross(load.centres, supports).sum(axis=0)
+        R, p = grasps.T_tool_tcp[:, :3, :3], grasps.T_tool_tcp[:, :3, 3]
+        # About each TCP, in its axes.
+        exerted = np.concatenate([force @ R, np.einsum("nji,nj->ni", R, torque - np.cross(p, force))], axis=1)
+        mu, eps = float(load.fingers[2]), float(load.fingers[3])
+        return np.array(
+            [
+                least_squeeze(wrench[None], float(width), mu, eps)[0]
+                for wrench, width in zip(exerted, grasps.widths, strict=True)
+            ]
+        )
 
     def carried(self, load: CarriedLoad) -> dict[str, bool]:
         """Say by arm whether one hand may carry the load at rest: its net force is the weight, however it is turned."""
