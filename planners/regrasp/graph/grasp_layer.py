@@ -132,14 +132,13 @@ class GraspLayer:
     def missing_squeeze(self) -> tuple[float, float] | None:
         """Return the least squeeze that any grasp asks for, and the one that fingers exert [N].
 
-        None where some grasp that was asked is borne.
+        None where some grasp is borne.
         """
-        unborne = self._known & ~self._borne
-        if not unborne.any() or (self._known & self._borne).any():
+        if self._borne.any():
             return None
         grasps = next(iter(self._reach.values())).grasps
         least = self._load.static_hold.least_squeezes(self._load.carried, grasps, self.T_world_tool)
-        return float(np.tile(least, len(self._reach))[unborne].min()), float(self._load.carried.fingers[0])
+        return float(least.min()), float(self._load.carried.fingers[0])
 
     def _in_the_way(self) -> tuple[str, str] | None:
         """Name two things that touch in one of the grasps that fell for it, of the arm with most of them."""
