@@ -58,7 +58,8 @@ def flange_pose_of_plan(dh: Array, T_world_base: Transform, q: Array) -> Transfo
 
     Compiled code takes such an array for one of another type, for which it would first be compiled: some seconds.
     """
-    return flange_pose(np.array(dh, dtype=float), np.array(T_world_base, dtype=float), np.array(q, dtype=float))
+    own = [np.array(array, dtype=float, order="C") for array in (dh, T_world_base, q)]
+    return flange_pose(*own)
 
 
 @njit(cache=True, nogil=True)

@@ -98,9 +98,12 @@ class ToolChanges:
     def by_kind(self) -> list[Iterator[TaskChange | None]]:
         """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
         # Obstacles do not keep physics from carrying out a plan that is clear of them, unless it names them.
-        return self._kinds(self._named_obstacles() if self._failed.outcome == "solved" else self._obstacles())
+        obstacles = self._named_obstacles() if self._failed.outcome == "solved" else self._obstacles()
+        return self._kinds(obstacles, self._limits())
 
-    def _kinds(self, obstacles: Iterator[TaskChange | None]) -> list[Iterator[TaskChange | None]]:
+    def _kinds(
+        self, obstacles: Iterator[TaskChange | None], limits: Iterator[TaskChange | None]
+    ) -> list[Iterator[TaskChange | None]]:
         cup: list[Iterator[TaskChange | None]] = [self._cup_force(), self._cup_radius()]
         starts_moved, goals_moved = self._starts(), self._goals()
         places: list[Iterator[TaskChange | None]] = [
@@ -117,7 +120,7 @@ class ToolChanges:
         if max(starts, goals) > _NEARER[0] * self._reach:
             far_off = [goals_moved] if goals >= starts else [starts_moved, goals_moved]
             places = [kind for kind in places if kind not in far_off]
-        rest: list[Iterator[TaskChange | None]] = [self._tool(), self._limits(), self._aside(), self._lighter()]
+        rest: list[Iterator[TaskChange | None]] = [self._tool(), limits, self._aside(), self._lighter()]
         first = [obstacles] if self.task.obstacles else []
         about_cup = any(word in self._told for word in _CUP_REASONS)
         others = [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
@@ -126,7 +129,7 @@ class ToolChanges:
 
     def in_pairs(self) -> list[Iterator[TaskChange]]:
         """Return two changes at once, for where no single one helps: of different kinds, of each the first ones."""
-        kinds = self._kinds(self._named_obstacles())
+        kinds = self._kinds(self._named_obstacles(), self._largest_limits())
         firsts = [list(itertools.islice((each for each in kind if each is not None), _FIRST)) for kind in kinds]
         return [
             self._of(one.then(other) for one, other in itertools.product(some, others))
@@ -345,24 +348,40 @@ class ToolChanges:
 
     def _limits(self) -> Iterator[TaskChange | None]:
         """More of what the arms' payloads and the gripper allow, where the task asks for less."""
-        if self.task.carry_force_limit is not None:
-            sentence = "Let a hand carry all that its arm's payload leaves."
-            yield from self._of([TaskChange("hand_limits", sentence, (put("/carry_force_limit", None),))])
-        scene = self._build(self.task)
-        most = min(scene.cell.gripper(arm).force_max for arm in scene.cell.gripper_arms)
-        if self.task.grip_force_limit < most:
+        yield from self._of(self._carrying())
+        if self.task.grip_force_limit < (most := self._strongest):
             yield from self._smallest(map(self._pressing, self._finger_forces(most)))
+
+    def _largest_limits(self) -> Iterator[TaskChange]:
+        """All of what they allow, whether it helps alone or not."""
+        yield from self._of(self._carrying())
+        if self.task.grip_force_limit < (most := self._strongest):
+            yield from self._of([self._pressing(most)])
+
+    def _carrying(self) -> list[TaskChange]:
+        if self.task.carry_force_limit is None:
+            return []
+        sentence = "Let a hand carry all that its arm's payload leaves."
+        return [TaskChange("hand_limits", sentence, (put("/carry_force_limit", None),))]
+
+    @property
+    def _strongest(self) -> float:
+        """What a finger of either gripper can press with [N]."""
+        return min(self._cell.gripper(arm).force_max for arm in self._cell.gripper_arms)
 
     def _finger_forces(self, most: float) -> list[float]:
         """Return what a finger may press with, up to the most that the gripper does [N]: whole newtons before that.
 
-        Where the plan tells how much squeeze is missing, what is added to that first is what is kept back.
+        Where the plan tells how much squeeze is missing they are more than that: of the ways of one object, each told
+        with its own, the least may do, and all objects need one.
         """
-        stated, short = self.task.grip_force_limit, [0.0]
+        stated, short = self.task.grip_force_limit, dict[str, float]()
         for cause in self._explanation.causes:
             if any(words in cause.reason for words in _SQUEEZE_REASONS) and cause.unit == "N":
-                short.append((cause.needed or 0.0) - (cause.available or 0.0))
-        least = stated + max(short)
+                named = next((each.name for _, each in self._objects if each.name == cause.where), "")
+                missing = (cause.needed or 0.0) - (cause.available or 0.0)
+                short[named] = min(missing, short.get(named, math.inf))
+        least = stated + max(short.values(), default=0.0)
         between = {math.ceil(least + share * (most - least)) for share in _PRESSED}
         return [*sorted(force for force in between if stated < force < most), most]
 

@@ -58,8 +58,9 @@ def check_cell(cell: Cell) -> None:
     """Refuse a cell in which nothing could be planned.
 
     Joints at home must be within their ranges and everything there be as far apart as planning keeps it, arms must not
-    stand in the table, links must not be larger than their arms, forces and centres of mass must be such as hands have,
-    a tool rest must be on the table, suction tools must be such as tasks may describe, and gravity must point down.
+    stand in the table, nor farther from it than they are long, links must not be larger than their arms, forces and
+    centres of mass must be such as hands have, a tool rest must be on the table, suction tools must be such as tasks
+    may describe, and gravity must point down.
 
     Raises:
         AssetError: All that is wrong, each with its file and member.
@@ -148,9 +149,7 @@ def _check_arm(arm: Arm, table: StaticBox, mount: str, faults: AssetFaults) -> N
 def _check_hand(hand: Gripper | Pusher, faults: AssetFaults) -> None:
     """Check numbers that belong together."""
     file = f"hands/{hand.name}.yaml"
-    bodies = hand.bodies("hand", hand.width_max) if isinstance(hand, Gripper) else hand.bodies("hand")
-    end = max(float(shape.vertices[:, 2].max()) + shape.radius for body in bodies for shape in body.shapes)
-    if hand.com[2] > end:
+    if hand.com[2] > (end := _end(hand)):
         detail = f"the centre of mass is {hand.com[2]:g} m from the flange, and the hand ends at {end:.3g} m{_UNIT}"
         faults.add(detail, file, "/com")
     if not isinstance(hand, Gripper):
@@ -160,6 +159,12 @@ def _check_hand(hand: Gripper | Pusher, faults: AssetFaults) -> None:
     elif not hand.force_min <= hand.squeeze <= hand.force_max:
         detail = f"{hand.squeeze:g} N are not within force_range, {hand.force_min:g} to {hand.force_max:g} N"
         faults.add(detail, file, "/squeeze")
+
+
+def _end(hand: Gripper | Pusher) -> float:
+    """Return how far from the flange a hand ends [m]."""
+    bodies = hand.bodies("hand", hand.width_max) if isinstance(hand, Gripper) else hand.bodies("hand")
+    return max(float(shape.vertices[:, 2].max()) + shape.radius for body in bodies for shape in body.shapes)
 
 
 def _length(robot: Robot) -> float:
@@ -248,8 +253,8 @@ def _check_base(arm: Arm, table: StaticBox, mount: str, faults: AssetFaults) -> 
     if sunk > SUNK:
         detail = f"the arm's base is {1e3 * sunk:.1f} mm deep in the table; {1e3 * SUNK:g} mm are allowed"
         faults.add(detail, mount, f"/arms/{arm.name}/position")
-    if -sunk > (length := _length(arm.robot)):
-        detail = f"the arm's base is {-sunk:.4g} m from the table, and the arm is {length:.3g} m long{_UNIT}"
+    if -sunk > (length := _length(arm.robot) + _end(arm.hand)):
+        detail = f"the arm's base is {-sunk:.4g} m from the table, and arm and hand are {length:.3g} m long{_UNIT}"
         faults.add(detail, mount, f"/arms/{arm.name}/position")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -212,6 +213,9 @@ def test_fingers_press_no_harder_than_helps(enough: float, offered: int, too_hea
     helping = [force for force in tried if force >= enough]
     assert [change.applied(task).grip_force_limit for change in changes] == sorted({*helping[:1], *helping[-1:]})  # type: ignore[union-attr]
     assert len(changes) == offered
+    # It may help beside another change.
+    pairs = itertools.chain(*ToolChanges(task, build_scene, failed, helps).in_pairs())
+    assert any(step.value == most for pair in pairs for step in pair.patch if step.path == "/grip_force_limit")
 
 
 def test_of_many_obstacles_those_next_to_start_and_goal_are_tried(too_heavy: Plan) -> None:

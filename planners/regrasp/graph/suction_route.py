@@ -14,6 +14,7 @@ from planners.regrasp.graph.handover_ways import HandoverMasks, LoadHandovers
 from planners.regrasp.graph.object_progress import ObjectStage, Tell
 from planners.regrasp.graph.regrasp_graph import Edge, LayeredRegraspGraph, RoundLayers, Sequence
 from planners.regrasp.motion.travel_time import NodeTravelTimes
+from planners.regrasp.statics.hold_statics import UNGRIPPED
 from planners.regrasp.suction.suction_poses import SuctionPose
 from planners.scene.moved_object import side_of
 
@@ -144,6 +145,8 @@ class SuctionRoute:
         for first in range(most + 1):
             self.tell(ObjectStage.FIRST_REGRASP)
             after = self.suction.ask(before[first])
+            if not after.any():
+                continue
             for _ in range(handovers - first):
                 after = _handed(after, self.handovers.masks[1])
             self.tell(ObjectStage.SECOND_REGRASP)
@@ -201,7 +204,7 @@ def _empty(end: str, layer: GraspLayer) -> Rejection:
     """Return the rejection of a layer without a node, at start or goal: what keeps its grasps away."""
     name = layer.object_name
     reason = f"No grasp has the tool on {name} at its {end}: {layer.hindrance().rstrip('.')}."
-    squeeze = layer.missing_squeeze()
+    squeeze = layer.missing_squeeze() if UNGRIPPED.rstrip(".") in reason else None
     return (
         Rejection("grasp", reason, name)
         if squeeze is None
