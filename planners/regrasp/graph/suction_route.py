@@ -145,9 +145,7 @@ class SuctionRoute:
         for first in range(most + 1):
             self.tell(ObjectStage.FIRST_REGRASP)
             after = self.suction.ask(before[first])
-            if not after.any():
-                continue
-            for _ in range(handovers - first):
+            for _ in range(handovers - first if after.any() else 0):
                 after = _handed(after, self.handovers.masks[1])
             self.tell(ObjectStage.SECOND_REGRASP)
             if handovers - first <= self._most and after.any():
