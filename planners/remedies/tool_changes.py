@@ -99,7 +99,7 @@ class ToolChanges:
         """Return the changes of every kind, each in order of size; kinds that concern what is told come first."""
         # Obstacles do not keep physics from carrying out a plan that is clear of them, unless it names them.
         obstacles = self._named_obstacles() if self._failed.outcome == "solved" else self._obstacles()
-        return self._kinds(obstacles, self._limits())
+        return self._kinds(obstacles, self._limits(alone=True))
 
     def _kinds(
         self, obstacles: Iterator[TaskChange | None], limits: Iterator[TaskChange | None]
@@ -129,7 +129,7 @@ class ToolChanges:
 
     def in_pairs(self) -> list[Iterator[TaskChange]]:
         """Return two changes at once, for where no single one helps: of different kinds, of each the first ones."""
-        kinds = self._kinds(self._named_obstacles(), self._largest_limits())
+        kinds = self._kinds(self._named_obstacles(), self._limits(alone=False))
         firsts = [list(itertools.islice((each for each in kind if each is not None), _FIRST)) for kind in kinds]
         return [
             self._of(one.then(other) for one, other in itertools.product(some, others))
@@ -346,28 +346,18 @@ class ToolChanges:
             way, size = "larger" if share > 1.0 else "smaller", abs(share - 1.0)
             yield from self._of([_other_cup(tool, "cup_radius", told, {"radius": radius}, way, size)])
 
-    def _limits(self) -> Iterator[TaskChange | None]:
-        """More of what the arms' payloads and the gripper allow, where the task asks for less."""
-        yield from self._of(self._carrying())
-        if self.task.grip_force_limit < (most := self._strongest):
-            yield from self._smallest(map(self._pressing, self._finger_forces(most)))
+    def _limits(self, *, alone: bool) -> Iterator[TaskChange | None]:
+        """More of what the arms' payloads and the gripper allow, where the task asks for less.
 
-    def _largest_limits(self) -> Iterator[TaskChange]:
-        """All of what they allow, whether it helps alone or not."""
-        yield from self._of(self._carrying())
-        if self.task.grip_force_limit < (most := self._strongest):
-            yield from self._of([self._pressing(most)])
-
-    def _carrying(self) -> list[TaskChange]:
-        if self.task.carry_force_limit is None:
-            return []
-        sentence = "Let a hand carry all that its arm's payload leaves."
-        return [TaskChange("hand_limits", sentence, (put("/carry_force_limit", None),))]
-
-    @property
-    def _strongest(self) -> float:
-        """What a finger of either gripper can press with [N]."""
-        return min(self._cell.gripper(arm).force_max for arm in self._cell.gripper_arms)
+        Of what fingers press with it is as little as helps, if that is to help alone; all of it beside other changes.
+        """
+        if self.task.carry_force_limit is not None:
+            sentence = "Let a hand carry all that its arm's payload leaves."
+            yield from self._of([TaskChange("hand_limits", sentence, (put("/carry_force_limit", None),))])
+        most = min(self._cell.gripper(arm).force_max for arm in self._cell.gripper_arms)
+        if self.task.grip_force_limit < most:
+            forces = map(self._pressing, self._finger_forces(most) if alone else [most])
+            yield from self._smallest(forces) if alone else self._of(forces)
 
     def _finger_forces(self, most: float) -> list[float]:
         """Return what a finger may press with, up to the most that the gripper does [N]: whole newtons before that.
@@ -376,9 +366,10 @@ class ToolChanges:
         with its own, the least may do, and all objects need one.
         """
         stated, short = self.task.grip_force_limit, dict[str, float]()
+        names = [each.name for _, each in self._objects]
         for cause in self._explanation.causes:
             if any(words in cause.reason for words in _SQUEEZE_REASONS) and cause.unit == "N":
-                named = next((each.name for _, each in self._objects if each.name == cause.where), "")
+                named = str(cause.where) if cause.where in names else ""
                 missing = (cause.needed or 0.0) - (cause.available or 0.0)
                 short[named] = min(missing, short.get(named, math.inf))
         least = stated + max(short.values(), default=0.0)

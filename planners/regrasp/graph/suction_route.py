@@ -201,13 +201,11 @@ class SuctionRoute:
 def _empty(end: str, layer: GraspLayer) -> Rejection:
     """Return the rejection of a layer without a node, at start or goal: what keeps its grasps away."""
     name = layer.object_name
-    reason = f"No grasp has the tool on {name} at its {end}: {layer.hindrance().rstrip('.')}."
-    squeeze = layer.missing_squeeze() if UNGRIPPED.rstrip(".") in reason else None
-    return (
-        Rejection("grasp", reason, name)
-        if squeeze is None
-        else Rejection.measured("grasp", reason, name, *squeeze, "N")
-    )
+    hindrance = layer.hindrance()
+    reason = f"No grasp has the tool on {name} at its {end}: {hindrance.rstrip('.')}."
+    if hindrance == UNGRIPPED and (squeeze := layer.missing_squeeze()) is not None:
+        return Rejection.measured("grasp", reason, name, *squeeze, "N")
+    return Rejection("grasp", reason, name)
 
 
 def _handed(nodes: NodeMask, handovers: HandoverMasks) -> NodeMask:
