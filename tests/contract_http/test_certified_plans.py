@@ -183,8 +183,10 @@ def test_a_solver_that_dies_in_the_simulation_is_followed_by_one_that_simulates_
     assert (plan["state"], plan["attempts"]) == ("succeeded", 2)
     seen = client.get(plan["links"]["events"]).text
     assert seen.count("event: certified") == 1
-    planned = [line for line in seen.splitlines() if '"attempt": 2' in line]
-    assert all('"stage": "simulate"' in line for line in planned)
+    told = [json.loads(line.removeprefix("data: ")) for line in seen.splitlines() if line.startswith("data: ")]
+    again = {each["stage"] for each in told if each.get("attempt") == 2 and "stage" in each}
+    # The second solver may have to be loaded first; it plans nothing.
+    assert again - {"load"} == {"simulate"}
     assert client.get(plan["links"]["document"]).json()["simulation"] == {"outcome": "lifted"}
 
 
