@@ -12,8 +12,8 @@ import pytest
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import Array, Transform, inverse, rotation_from_vector, skew, transform
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
-from workers.simulation.holds import Bond, Chain
-from workers.simulation.settings import BondStiffness, ToolSimulationSettings, TruthSettings
+from workers.simulation.holds import Bond, Chain, CupHold
+from workers.simulation.settings import LIP_RADIUS, BondStiffness, ToolSimulationSettings, TruthSettings
 from workers.simulation.world import FreeBody, ToolWorld
 
 TASK = Path(__file__).resolve().parents[2] / "assets" / "tasks" / "domino_pile.json"
@@ -93,6 +93,24 @@ def test_a_hold_bears_weight_and_moment_whatever_the_mass_and_gives_way_as_hooke
         assert bond.wrench == pytest.approx(np.concatenate([weight, np.cross(lever, weight)]), rel=1e-3, abs=1e-6)
         sag = T_world_hold[:3, 3] - item.T_world_body[:3, 3]
         assert sag[2] == pytest.approx(weight[2] / HOLD.linear, rel=0.02)
+
+
+@pytest.mark.parametrize("width", [0.6, 1.0, 1.9])
+def test_a_cup_gives_way_as_a_ring_of_springs_under_its_lip(tool_scene: SuctionToolScene, width: float) -> None:
+    """The same lip on a wider cup: as many springs per length, farther from the middle."""
+
+    def ring(radius: float) -> Array:
+        angles = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+        spring = 2.0 * np.pi * radius / len(angles)
+        return np.array([spring * len(angles), np.sum(spring * (radius * np.sin(angles)) ** 2)])
+
+    scene, settings = tool_above(raised(tool_scene)), ToolSimulationSettings()
+    cup = replace(scene.tool.cup, radius=width * LIP_RADIUS)
+    with ToolWorld(scene, settings) as world:
+        hold = CupHold(world.tool, world.bodies[scene.objects[0].name], cup, settings)
+    expected = ring(cup.radius) / ring(LIP_RADIUS)
+    assert hold.bond.stiffness[:3] / settings.cup.linear == pytest.approx(expected[0])
+    assert hold.bond.stiffness[3:] / settings.cup.angular == pytest.approx(expected[1])
 
 
 def test_in_a_chain_the_hand_bears_both_and_the_cup_the_last_alone(tool_scene: SuctionToolScene) -> None:

@@ -6,12 +6,14 @@ as stiff as rubber is, and what it holds as light as it likes, without the step 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
+from planners.cell.hand import Gripper
 from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.geometry.linear import solve
 from planners.geometry.pose import Array, Transform, inverse, rotation_angle
@@ -20,7 +22,14 @@ from planners.regrasp.statics.finger_forces import least_squeeze
 from planners.regrasp.suction.suction_hold import SuctionLimit, suction_margins
 from planners.scene.suction_tool import CupData
 from planners.scene.tool_scene import SuctionToolScene
-from workers.simulation.settings import BondStiffness, EnduranceSettings, TakingSettings, ToolSimulationSettings
+from workers.simulation.settings import (
+    LIP_RADIUS,
+    PAD_AREA,
+    BondStiffness,
+    EnduranceSettings,
+    TakingSettings,
+    ToolSimulationSettings,
+)
 from workers.simulation.world import FreeBody
 
 _HAND = -1
@@ -231,7 +240,10 @@ class FingerHold:
         """Close them on the tool as it is."""
         self.arm, self._width = planned.arm, planned.width
         self.T_flange_tcp = T_flange_tcp.copy()
-        self.bond = Bond(tool, None, T_world_tcp, settings.fingers)
+        hand = scene.cell.arms[planned.arm].hand
+        assert isinstance(hand, Gripper)
+        give = settings.fingers.resized(math.sqrt(hand.pad_size[0] * hand.pad_size[2] / PAD_AREA))
+        self.bond = Bond(tool, None, T_world_tcp, give)
         assert planned.squeeze is not None
         self.limit = settings.truth.grip_strength * planned.squeeze
         """With which the fingers squeeze, as the plan commands it [N]."""
@@ -270,7 +282,8 @@ class CupHold:
     def __init__(self, tool: FreeBody, item: FreeBody, cup: CupData, settings: ToolSimulationSettings) -> None:
         """Hold the object as it is; its lip gives way within its cones, and bears any pressure."""
         self.name = item.name
-        self.bond = Bond(item, tool, tool.T_world_body, settings.cup)
+        give = settings.cup.resized(cup.radius / LIP_RADIUS)
+        self.bond = Bond(item, tool, tool.T_world_body, give)
         strength = settings.truth.cup_strength
         self._cup = replace(cup, max_force=strength * cup.max_force, kappa=strength * cup.kappa)
         self._endurance = Endurance(settings.endurance)
