@@ -48,8 +48,8 @@ def plan_with_reserve(
 ) -> ToolPlan:
     """Plan a task with the reserve that it asks for; where that finds nothing, with the largest that is found.
 
-    A plan without any reserve is looked for then, and between it and what failed a few times more. That there is no
-    plan is only said of the true limits.
+    A plan without any reserve is looked for then, and between it and what failed a few times more, by somebody who gives
+    up early: what is barely possible takes longest. That there is no plan is only said of the true limits.
 
     Args:
         scene: the task.
@@ -62,7 +62,7 @@ def plan_with_reserve(
         The plan, complete with contact forces and reserves.
     """
 
-    def found_with(reserve: float) -> ReservedPlan:
+    def found_with(reserve: float, settings: ToolPlannerSettings = settings) -> ReservedPlan:
         plan = SuctionToolPlanner(scene.keeping_back(reserve), settings, handovers, progress).plan()
         progress(Report("forces", 0, 1))
         plan = replace(plan, segments=HoldStatics(scene).balanced(plan.segments))
@@ -77,7 +77,8 @@ def plan_with_reserve(
     found = found_with(0.0)
     if not found.solved:
         return found.plan
-    found = _largest(found, found_with, wanted, settings.reserve_searches)
+    hasty = settings.hasty()
+    found = _largest(found, lambda reserve: found_with(reserve, hasty), wanted, settings.reserve_searches)
     if found.least is None or found.reserve >= wanted:
         return found.plan
     what = found.least.limited_by
