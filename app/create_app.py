@@ -152,9 +152,7 @@ def create_app(
                 settings.recordings_mb * 2**20,
                 settings.max_recordings_waiting,
             )
-            command = SolverCommand(
-                settings.feasibility_command, {}, settings.solver_memory_mb * 2**20, settings.solver_niceness
-            )
+            command = SolverCommand.of(settings, settings.feasibility_command)
             ways = FeasibilityPool(command, settings.max_lifts_kept)
             to_close.push_async_callback(ways.close)
             app.state.other_ways = OtherWays(ways, TaskParts(app.state.meshes, kept_cells))
