@@ -48,8 +48,8 @@ def plan_with_reserve(
 ) -> ToolPlan:
     """Plan a task with the reserve that it asks for; where that finds nothing, with the largest that is found.
 
-    A plan without any reserve is looked for then, and between it and what failed a few times more, by somebody who gives
-    up early: what is barely possible takes longest. That there is no plan is only said of the true limits.
+    A plan without any reserve is looked for then, and between it and what failed a few times more, by somebody who
+    gives up early: what is barely possible takes longest. That there is no plan is only said of the true limits.
 
     Args:
         scene: the task.

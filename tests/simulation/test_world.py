@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.kinematics.forward import flange_pose, jacobian
-from workers.simulation.bullet import bullet
-from workers.simulation.settings import SimulationSettings
-from workers.simulation.world import LiftWorld
+from planners.scene.tool_scene import build_tool_scene
+from workers.simulation.bullet import bullet, within_layer
+from workers.simulation.settings import SimulationSettings, ToolSimulationSettings
+from workers.simulation.world import LiftWorld, ToolWorld
 
 SETTINGS = SimulationSettings()
 
@@ -26,6 +28,40 @@ def test_the_plate_rests_where_it_was_put_and_the_support_bears_its_weight(scene
         advance(world, scene, 0.5)
         assert world.plate.T_world_body == pytest.approx(scene.T_world_plate, abs=3e-4)
         assert world.resting_force() == pytest.approx([0.0, 0.0, scene.plate.mass * 9.81], abs=0.05)
+
+
+def test_bodies_of_any_shape_rest_on_one_another_where_they_were_put() -> None:
+    """A stack of three, and the tool, which is put together of several hulls: none floats on a layer of its own."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 5, endpoint=False)
+    outline = [[0.07 * float(np.cos(angle)), 0.06 * float(np.sin(angle))] for angle in angles]
+    shapes = [
+        ({"type": "prism", "outline": outline, "height": 0.1}, 0.05),
+        ({"type": "cylinder", "radius": 0.055, "height": 0.06}, 0.13),
+        ({"type": "box", "size": [0.06, 0.05, 0.04]}, 0.18),
+    ]
+    where = [{"pose": [0.4, y, 1.094 + z, 1, 0, 0, 0]} for y in (0.2, -0.2) for _, z in shapes]
+    objects = [
+        {"name": f"body_{i}", "shape": shape, "mass": 0.3, **where[i], "goal_pose": where[i + 3]["pose"]}
+        for i, (shape, _) in enumerate(shapes)
+    ]
+    task = read_task({"kind": "suction_tool", "objects": objects})
+    assert isinstance(task, SuctionToolTask)
+    scene = build_tool_scene(task)
+    with ToolWorld(scene, ToolSimulationSettings()) as world:
+        for _ in range(300):
+            world.drive(scene.start_positions, np.zeros(12))
+            world.advance()
+        for body in (scene.tool.body, *(each.body for each in scene.objects)):
+            assert world.bodies[body.name].T_world_body == pytest.approx(body.T_world_body, abs=2e-4)
+
+
+@pytest.mark.parametrize("size", [(0.1, 0.05, 0.02), (0.1, 0.05, 0.001)])
+def test_what_is_left_for_the_layer_is_as_far_inside_all_faces(size: tuple[float, float, float]) -> None:
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size
+    depth = min(1e-3, 0.25 * min(size))
+    inside = within_layer(corners)
+    assert inside.min(axis=0) == pytest.approx([depth] * 3)
+    assert inside.max(axis=0) == pytest.approx(np.array(size) - depth)
 
 
 def test_what_a_hand_does_to_the_plate_but_for_its_tip_is_what_changes_its_momentum(scene) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from scipy.spatial import ConvexHull, HalfspaceIntersection
 
 from planners.cell.arm import Arm
 from planners.cell.hand import Gripper
@@ -21,10 +22,24 @@ from planners.geometry.pose import Array, Transform, rotation_x, rotation_z, tra
 from planners.geometry.surface import Hull, hull_with_faces
 from planners.scene.body import Body
 
-__all__ = ["box_shape", "bullet", "convex_shape", "hull_shape", "quiet", "write_arm_urdf", "write_hull"]
+__all__ = [
+    "LAYER",
+    "box_shape",
+    "bullet",
+    "convex_shape",
+    "hull_shape",
+    "quiet",
+    "within_layer",
+    "write_arm_urdf",
+    "write_hull",
+]
 
 TOUCHING_PARTS = ("pad", "finger", "tip")
 """Parts of hands that touch the plate on purpose: their contact is modelled apart, see `touch`."""
+LAYER = 1e-5
+"""Thickness of the layer that Bullet lays around hulls, which lifts what rests on it; by itself it takes 1 mm [m]."""
+_LAYER_OF_FILES = 1e-3
+"""That around hulls of files, which cannot be changed [m]."""
 _LEAST_INERTIA = 1e-4
 """[kg m^2]"""
 _BASE_MASS = 2.0
@@ -74,6 +89,18 @@ def convex_shape(body: Body, at: Array, client: int) -> int:
         return box_shape(np.array(body.shape.size), client, at)
     (part,) = body.solid.convex_parts
     return hull_shape(part.vertices + at, client)
+
+
+def within_layer(vertices: Array) -> Array:
+    """Return the corners of a hull which, with the layer around it when it is read from a file, has these faces.
+
+    Args:
+        vertices: (n, 3) of the hull that is wanted [m]. Of a thin one half of the way to its middle is left.
+    """
+    faces = np.unique(ConvexHull(vertices).equations, axis=0)
+    middle = vertices.mean(axis=0)
+    depth = min(_LAYER_OF_FILES, 0.5 * float(-(faces[:, :3] @ middle + faces[:, 3]).max()))
+    return HalfspaceIntersection(faces + np.array([0.0, 0.0, 0.0, depth]), middle).intersections
 
 
 def write_hull(hull: Hull, T_link_frame: Transform, path: Path) -> str:

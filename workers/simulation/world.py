@@ -20,7 +20,17 @@ from planners.regrasp.statics.mass_properties import MassProperties
 from planners.scene.body import Body
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.tool_scene import SuctionToolScene
-from workers.simulation.bullet import box_shape, bullet, convex_shape, hull_shape, quiet, write_arm_urdf, write_hull
+from workers.simulation.bullet import (
+    LAYER,
+    box_shape,
+    bullet,
+    convex_shape,
+    hull_shape,
+    quiet,
+    within_layer,
+    write_arm_urdf,
+    write_hull,
+)
 from workers.simulation.settings import SimulationSettings, ToolSimulationSettings
 
 _JOINTS = list(range(6))
@@ -152,7 +162,7 @@ class CellWorld:
         """Give a body the surface that all bodies have."""
         bullet.changeDynamics(
             body, -1, lateralFriction=self._friction, restitution=0.0, rollingFriction=0.0, spinningFriction=0.0,
-            linearDamping=0.0, angularDamping=0.0, physicsClientId=self.client,
+            linearDamping=0.0, angularDamping=0.0, collisionMargin=LAYER, physicsClientId=self.client,
         )  # fmt: skip
 
     def _build(self, still: Iterable[Body], start_positions: Array) -> None:
@@ -383,7 +393,7 @@ def _load_compound(body: Body, T_center_body: Transform, mass: float, moments: A
     ixx, iyy, izz = moments.tolist()
     with tempfile.TemporaryDirectory() as folder:
         names = [
-            write_hull(hull_with_faces(part.vertices), T_center_body, Path(folder) / f"part_{i}.obj")
+            write_hull(hull_with_faces(within_layer(part.vertices)), T_center_body, Path(folder) / f"part_{i}.obj")
             for i, part in enumerate(body.solid.convex_parts)
         ]
         shapes = "".join(f'<collision><geometry><mesh filename="{name}"/></geometry></collision>' for name in names)
