@@ -251,7 +251,7 @@ def _keeping_most(
     """
     low, high = _kept(plan), below
     enough = settings.largest_reserve if settings.most_reserve else settings.reserve
-    ends_low, tries = not plan.rises, None if settings.most_reserve else settings.better_sequences
+    ends_low = not plan.rises
     top = min(high - 1.0 / STEPS, enough)
     for number in range(settings.reserve_searches):
         if low >= enough or high - low < settings.reserve_step:
@@ -260,7 +260,7 @@ def _keeping_most(
         tried = most_passable(planner, low, top, low=ends_low)
         if tried is None:
             break
-        found = planner.plan_keeping(tried, low=ends_low, explained=False, tries=tries)
+        found = planner.plan_keeping(tried, low=ends_low, explained=False)
         if found.outcome is PlanningOutcome.SOLVED:
             plan, low = found, max(tried, _kept(found))
             break

@@ -108,16 +108,15 @@ class LiftSearch:
         self._cut_off = np.zeros(self.graph.graph.node_count, bool)
         """Nodes from which no goal can be come to: what fails only grows, so that it stays so."""
 
-    def find(self, *, low: bool = True, thorough: bool = True, tries: int | None = None) -> Found | NothingFound:
+    def find(self, *, low: bool = True, thorough: bool = True) -> Found | NothingFound:
         """Search the graph until a sequence can be moved along, or nothing is left.
 
         Args:
             low: whether a plan may end where the lift cannot go on, if there is no other.
             thorough: whether all that can be come to is examined where there is no sequence, and not a cut alone.
-            tries: sequences that are checked at most; None: as many as the settings say.
         """
         asked: ManipulationStateGraph | None = None
-        for _ in range(self.settings.sequences if tries is None else tries):
+        for _ in range(self.settings.sequences):
             if thorough or asked is self.graph or self.any_way() is not None:
                 asked = self.graph
                 path = self.best_path()

@@ -49,9 +49,6 @@ class LiftSettings:
     """Choices of postures whose motion is tried before a sequence is given up."""
     sequences: int = 400
     """Sequences that are checked before the planner gives up."""
-    better_sequences: int = 60
-    """Likewise where there is a plan already and one that keeps more back is looked for: what is barely possible takes
-    longest."""
     stuck_pairs: int = 16
     """Holds of the other hand with which a hand may get stuck on its way to or from a hold, at one pose of the plate,
     before that is given up whatever the other hand does."""

@@ -113,21 +113,18 @@ class PlateLiftPlanner:
         """Bound what robot and lifter can carry together off the support, at whatever tilt, with nothing kept back."""
         return self.sampling.stated.capacity(0.5 * math.pi)
 
-    def plan_keeping(
-        self, reserve: float, *, low: bool = True, explained: bool = True, tries: int | None = None
-    ) -> LiftPlan:
+    def plan_keeping(self, reserve: float, *, low: bool = True, explained: bool = True) -> LiftPlan:
         """Search again with another share of every limit kept back; what does not depend on it stays known.
 
         Args:
             reserve: [1].
             low: whether a plan may end where the lift cannot go on, if there is no other.
             explained: see `plan`.
-            tries: see `LiftSearch.find`.
         """
         search = self._begin_keeping(reserve)
         if not low and not explained and search.any_way() is None:
             return not_found(search, NO_WAY)
-        return self.planned(search, low=low, explained=explained, thorough=explained, tries=tries)
+        return self.planned(search, low=low, explained=explained, thorough=explained)
 
     def may_keep(self, reserve: float, *, low: bool) -> bool:
         """Ask whether a plan could keep a share of every limit back: False proves that `plan_keeping` finds none.
@@ -189,13 +186,7 @@ class PlateLiftPlanner:
         return self.begin(rises, full=full)
 
     def planned(
-        self,
-        search: LiftSearch,
-        *,
-        low: bool = True,
-        explained: bool = True,
-        thorough: bool = True,
-        tries: int | None = None,
+        self, search: LiftSearch, *, low: bool = True, explained: bool = True, thorough: bool = True
     ) -> LiftPlan:
         """Search a graph that was merged, and report.
 
@@ -204,13 +195,12 @@ class PlateLiftPlanner:
             low: as for `plan_keeping`.
             explained: likewise.
             thorough: see `LiftSearch.find`.
-            tries: likewise.
         """
-        tries = self.settings.sequences if tries is None else tries
-        found = search.find(low=low, thorough=thorough or explained, tries=tries)
+        found = search.find(low=low, thorough=thorough or explained)
         if isinstance(found, Found):
             return solved(search, found)
         if found is NothingFound.NO_TRIES:
+            tries = self.settings.sequences
             return not_found(search, f"No sequence could be moved along in {tries} tries.")
         if not explained:
             return not_found(search, NO_WAY)
