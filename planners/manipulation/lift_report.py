@@ -33,7 +33,9 @@ def solved(search: LiftSearch, found: Found) -> LiftPlan:
     steps = tuple(_step(search, node) for node in found.path.nodes)
     changes = sum(a.contact != b.contact for a, b in pairwise(steps))
     # What happens between the nodes counts too: their contacts and forces are not all there is.
-    contacts = [word for word, _ in groupby(segment.contact.name for segment in found.segments)]
+    plate = search.sampling.scene.plate
+    told = (segment.contact.told(plate.outline, plate.T_world_body) for segment in found.segments)
+    contacts = [word for word, _ in groupby(told)]
     reserved = _reserved(search, found.segments)
     sets = (each.balance for segment in reserved.segments for each in segment.contact_sets)
     force = max(balance.f_plus_gp for balance in sets)
