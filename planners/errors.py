@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -98,6 +99,12 @@ class AssetFaults:
         """
         if self._faults:
             raise AssetError(*self.found)
+
+
+def no_such(what: str, name: str, choices: Iterable[str]) -> str:
+    """Say that there is nothing of a name, and which of the valid ones is nearest, if one is near."""
+    near = get_close_matches(name, choices, n=1)
+    return f"there is no {what} {name}" + (f"; did you mean {near[0]}?" if near else "")
 
 
 class SceneError(LiftwrightError):

@@ -11,10 +11,12 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 from app.cli.output import BadInput, Refused
+from planners.cell.needed_hands import FOR_LIFT, FOR_TOOL, check_shipped
 from planners.contract.problems import problems_of
 from planners.contract.strict_json import NotJson, parse_json
 from planners.contract.strict_yaml import NotYaml, parse_yaml
 from planners.contract.task_spec import read_task
+from planners.errors import SceneError
 
 STDIN = "-"
 YAML_SUFFIXES = frozenset({".yaml", ".yml"})
@@ -65,7 +67,7 @@ class TaskFile:
         return "stdin" if self.named == STDIN else Path(self.named).stem
 
     def check(self) -> None:
-        """Refuse what is no task, before anything is loaded that plans: people wait for this answer.
+        """Refuse what is no task, or in no shipped cell, before anything is loaded that plans: people wait for this.
 
         What takes its objects from a scene that a service keeps is not complete yet, and is not looked at.
 
@@ -78,8 +80,9 @@ class TaskFile:
             if detects or "scene_id" in self.task:
                 return
         try:
-            read_task(self.task)
-        except ValidationError as error:
+            task = read_task(self.task)
+            check_shipped(task.cell, FOR_LIFT if task.kind == "plate_lift" else FOR_TOOL)
+        except (ValidationError, SceneError) as error:
             raise Refused(problems_of(error)) from error
 
     def line_of(self, pointer: str) -> int | None:
