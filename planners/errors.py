@@ -101,10 +101,10 @@ class AssetFaults:
             raise AssetError(*self.found)
 
 
-def no_such(what: str, name: str, choices: Iterable[str]) -> str:
-    """Say that there is nothing of a name, and which of the valid ones is nearest, if one is near."""
-    near = get_close_matches(name, choices, n=1)
-    return f"there is no {what} {name}" + (f"; did you mean {near[0]}?" if near else "")
+def nearest(name: str, choices: Iterable[str]) -> str:
+    """Ask whether the valid choice that is nearest to a name was meant, to end a sentence; empty if none is near."""
+    near = get_close_matches(name, list(choices), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 class SceneError(LiftwrightError):

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
+from app.cli.given_file import YAML_SUFFIXES, FileKind, read_given, refuse_other
 from app.cli.output import BadInput, Refused
 from planners.cell.needed_hands import FOR_LIFT, FOR_TOOL, check_shipped
 from planners.contract.problems import problems_of
@@ -19,7 +20,6 @@ from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 
 STDIN = "-"
-YAML_SUFFIXES = frozenset({".yaml", ".yml"})
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class TaskFile:
         """Read a file, or standard input, which is YAML unless it begins as a JSON object does.
 
         Raises:
-            BadInput: It is neither, or what another command or the service has written.
+            BadInput: It is neither, or not there, or what another command or the service takes or has written.
             OSError: It cannot be read.
         """
         path, lines = Path(named), {}
-        content = sys.stdin.buffer.read() if named == STDIN else path.read_bytes()
+        content = sys.stdin.buffer.read() if named == STDIN else read_given(named, FileKind.TASK)
         is_yaml = path.suffix.lower() in YAML_SUFFIXES or (named == STDIN and not content.lstrip().startswith(b"{"))
         called = "standard input" if named == STDIN else named
         try:
@@ -52,13 +52,7 @@ class TaskFile:
                 task = parse_json(content, "the file")
         except (NotJson, NotYaml) as error:
             raise BadInput(f"{called}: {error}") from error
-        members: Mapping[str, Any] = task if isinstance(task, dict) else {}
-        if {"segments", "certificate", "task"} <= members.keys():
-            raise BadInput(f'{called} is a plan document, not a task; the one it was planned from is its member "task"')
-        if {"table", "unrecognised"} <= members.keys():
-            raise BadInput(
-                f"{called} is a scene, not a task; give it as --scene {named}, beside a task that names its objects"
-            )
+        refuse_other(task, called, FileKind.TASK)
         return cls(named, task, lines)
 
     @property

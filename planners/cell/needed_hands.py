@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from assets import assets_folder
 from planners.contract.strict_yaml import parse_yaml
-from planners.errors import SceneError, no_such
+from planners.errors import SceneError, nearest
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,9 @@ class NeededHands:
             fitting: the names of the cells that have such hands.
             known: whether there is one of this name.
         """
-        return SceneError("/cell", self.told if known else no_such("cell", name, fitting), list(fitting))
+        return SceneError(
+            "/cell", self.told if known else f"there is no cell {name}{nearest(name, fitting)}", list(fitting)
+        )
 
 
 FOR_LIFT = NeededHands(1, 1, "a plate lift needs a cell with one gripper and one stick")
