@@ -68,7 +68,7 @@ class _Arm(BaseModel):
     hand: str
 
 
-class _Cell(BaseModel):
+class _ArmsOfCell(BaseModel):
     """What of the file of a cell says which hands it has."""
 
     name: str
@@ -83,7 +83,7 @@ def _kinds_of_hands() -> dict[str, tuple[str, ...]]:
     def kind(hand: str) -> str:
         return _Hand.model_validate(_content(folder / "hands" / f"{hand}.yaml")).kind
 
-    cells = [_Cell.model_validate(_content(path)) for path in sorted((folder / "cells").glob("*.yaml"))]
+    cells = [_ArmsOfCell.model_validate(_content(path)) for path in sorted((folder / "cells").glob("*.yaml"))]
     return {cell.name: tuple(kind(arm.hand) for arm in cell.arms.values()) for cell in cells}
 
 
