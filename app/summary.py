@@ -174,7 +174,7 @@ def _sides(plan: Plan) -> dict[str, str]:
         for element, index in touching
         if index is not None and (element == "edge" or element == "vertex")
     ]
-    return {"seen from above": "; ".join(told)} if told else {}
+    return {"sides": "; ".join(told)} if told else {}
 
 
 def contact_word(state: ContactState) -> str:
