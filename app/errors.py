@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 from itertools import chain
@@ -21,7 +21,7 @@ from starlette.routing import compile_path
 from planners.contract.problems import NotValid, Problem, problem_of, problems_of
 from planners.contract.scan_spec import NotAScan
 from planners.contract.strict_json import NotJson
-from planners.errors import AssetError, LiftwrightError, SceneError
+from planners.errors import AssetError, LiftwrightError, SceneError, nearest
 from planners.geometry.mesh_file import MeshRefused
 from planners.perception.scan_files import ScanRefused
 from planners.study.study import NotAStudy
@@ -226,10 +226,14 @@ class NotCellMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title
 class CellNotFound(ServiceError, status=HTTPStatus.NOT_FOUND, title="No such cell"):
     """No cell has that id or name."""
 
-    def __init__(self, cell_id: str) -> None:
-        super().__init__(
-            f"there is no cell {cell_id[:100]!r}; GET /v1/cells, or `liftwright cell list`, has those there are"
-        )
+    def __init__(self, cell_id: str, known: Iterable[str] = (), *, shipped: bool = False) -> None:
+        """Name what is asked for, the names that there are, and whether it is one that is shipped, and no caller's."""
+        called = cell_id[:100]
+        if shipped:
+            super().__init__(f"no cell of your own is called {called!r}: it is shipped, to be shown and planned in")
+            return
+        listed = "GET /v1/cells, or `liftwright cell list`, has those there are"
+        super().__init__(f"there is no cell {called!r}; {listed}{nearest(called, known)}")
 
 
 class CellIsShipped(ServiceError, status=HTTPStatus.CONFLICT, title="A shipped cell"):

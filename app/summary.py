@@ -5,6 +5,12 @@ from __future__ import annotations
 import math
 from itertools import groupby
 
+import numpy as np
+
+from planners.contract.task_spec import PlateLiftTask
+from planners.geometry import polygon
+from planners.geometry.pose import from_pose7
+from planners.geometry.sides import told_side
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.segment import ContactState
@@ -127,7 +133,7 @@ def _cup_place(plan: Plan) -> dict[str, str]:
 def _happening(plan: Plan) -> dict[str, str]:
     """Return what the plan does: the contact states of a plate, or which objects are moved how."""
     states = contact_states(plan)
-    return {"contact states": " > ".join(states)} if states else {"moved": plan.explanation.summary}
+    return {"contact states": " > ".join(states), **_sides(plan)} if states else {"moved": plan.explanation.summary}
 
 
 def _simulated(plan: Plan, seconds: float) -> str:
@@ -151,6 +157,24 @@ def contact_states(plan: Plan) -> list[str]:
     states = (segment.contact_state for segment in plan.segments)
     words = (contact_word(state) for state in states if state is not None)
     return [word for word, _ in groupby(words)]
+
+
+def _sides(plan: Plan) -> dict[str, str]:
+    """Return where the edges and vertices are that a plate is turned over, as it lies at the start."""
+    task = plan.task
+    if not isinstance(task, PlateLiftTask):
+        return {}
+    shape, R_world_plate = task.plate.shape, from_pose7(task.plate_pose)[:3, :3]
+    outline = polygon.rectangle(*shape.size[:2]) if shape.type == "box" else np.array(shape.outline)
+    touching = {
+        (state.element, state.index): None for segment in plan.segments if (state := segment.contact_state) is not None
+    }
+    told = [
+        f"{element} {index} is {told_side(outline, R_world_plate, element, index)}"
+        for element, index in touching
+        if index is not None and (element == "edge" or element == "vertex")
+    ]
+    return {"sides": "; ".join(told)} if told else {}
 
 
 def contact_word(state: ContactState) -> str:

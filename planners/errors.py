@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -98,6 +99,12 @@ class AssetFaults:
         """
         if self._faults:
             raise AssetError(*self.found)
+
+
+def nearest(name: str, choices: Iterable[str]) -> str:
+    """Ask whether the valid choice that is nearest to a name was meant, to end a sentence; empty if none is near."""
+    near = get_close_matches(name, list(choices), n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 class SceneError(LiftwrightError):

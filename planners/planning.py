@@ -49,6 +49,7 @@ from planners.remedies.find_remedies import (
     STEPS_WITH_PHYSICS,
     PlanMemory,
     find_remedies,
+    in_vain,
     why_none,
     with_cup_at,
 )
@@ -331,7 +332,11 @@ class TaskSolver:
             # They are for the cup where it was put, which the task as posted leaves open.
             remedies = [with_cup_at(explanation.cup_place.position, remedy) for remedy in remedies]
         failed = "" if failure is None else f" In physics it failed: {failure.words()}."
-        helps = f"What helps: {remedies[0].sentence}" if remedies else why_none(tried)
+        helps = (
+            f"{in_vain(explanation.causes, remedies, tried)}What helps: {remedies[0].sentence}"
+            if remedies
+            else why_none(tried)
+        )
         summary = f"{explanation.summary}{failed} {helps}"
         explanation = explanation.model_copy(update={"summary": summary, "remedies": remedies})
         seconds, statistics = self.clock() - begun, found.statistics

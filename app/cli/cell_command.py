@@ -10,6 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
+from app.cli.given_file import FileKind, check_given, refuse_other_file
 from app.cli.output import BadInput, refuse
 from app.cli.service_client import ServiceClient, ServiceRefused
 from app.errors import CellIsShipped, ServiceError
@@ -61,7 +62,7 @@ def check_cell_files(path: Path, picture: Path | None) -> int:
         OSError: A file cannot be read or written.
     """
     try:
-        bundle = CellBundle.read(path)
+        bundle = _read(path)
         cell = _checked(bundle)
         survey = surveyed(cell, bundle)
     except AssetError as error:
@@ -71,6 +72,19 @@ def check_cell_files(path: Path, picture: Path | None) -> int:
     if picture is not None:
         picture.write_bytes(draw_survey(survey))
     return DONE
+
+
+def _read(path: Path) -> CellBundle:
+    """Read a cell of one's own.
+
+    Raises:
+        AssetError: It is none.
+        BadInput: There is no such file, or it is something else.
+        OSError: It cannot be read.
+    """
+    check_given(path, FileKind.CELL)
+    refuse_other_file(path, FileKind.CELL)
+    return CellBundle.read(path)
 
 
 def _checked(bundle: CellBundle) -> Cell:
@@ -97,7 +111,7 @@ def add_cell(path: Path, keeper: CellKeeper) -> int:
         OSError: A file cannot be read.
     """
     try:
-        bundle = CellBundle.read(path)
+        bundle = _read(path)
         added = keeper.add(bundle)
     except AssetError as error:
         return _refuse(error, path)
@@ -134,6 +148,18 @@ def show_cell(name: str, keeper: CellKeeper, picture: Path | None, files: Path |
     if files is not None:
         files.write_bytes(keeper.files(name))
     return DONE
+
+
+def refuse_file_as_name(name: str) -> None:
+    """Refuse files where the name of a cell is meant.
+
+    Raises:
+        BadInput: It is a path; it says which commands take one.
+    """
+    if Path(name).exists() or "/" in name or Path(name).suffix in (".yaml", ".yml", ".json", ".zip"):
+        detail = "is a path, not the name of a cell that is shipped or kept"
+        take = f"`liftwright cell check {name}` says what it can do, `liftwright cell add {name}` keeps it"
+        raise BadInput(f"{name} {detail}; {take}")
 
 
 class LocalCells:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from app.cli.export_command import site_cell
+from app.cli.given_file import FileKind, read_given
 from app.cli.output import BadInput
 from planners.contract.arrays import ArmName
 from planners.contract.task_spec import write_task
@@ -68,7 +69,7 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | No
         BadInput: A file cannot be made sense of.
         OSError: A file cannot be read or written.
     """
-    document = request.plan.read_bytes()
+    document = read_given(str(request.plan), FileKind.PLAN)
     functions = None if request.functions is None else _functions(request.functions)
     with ExitStack() as stack:
         cell = stack.enter_context(site_cell(document, request.plan, request.site))

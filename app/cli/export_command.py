@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from app.cli.given_file import FileKind, read_given, refuse_other
 from app.cli.output import BadInput
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, known_cells, load_cell
@@ -35,7 +36,7 @@ def export_file(path: Path, target: ProgramTarget, handshake: Handshake, site: P
         BadInput: A file cannot be made sense of.
         OSError: A file cannot be read or written.
     """
-    document = path.read_bytes()
+    document = read_given(str(path), FileKind.PLAN)
     with site_cell(document, path, site) as cell:
         try:
             program = write_program(document, cell, target, handshake)
@@ -75,6 +76,7 @@ def _cell_of(document: bytes, path: Path) -> str:
         data = parse_json(document, "the file")
     except NotJson as error:
         raise BadInput(f"{path}: {error}") from error
+    refuse_other(data, str(path), FileKind.PLAN)
     cell = data.get("cell") if isinstance(data, dict) else None
     name = cell.get("name") if isinstance(cell, dict) else None
     if not isinstance(name, str):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from app.cli.given_file import FileKind, check_given, refuse_other_file
 from app.cli.output import BadInput, ProgressBar, Refused
 from app.cli.plan_command import Planned
 from app.cli.task_file import TaskFile
@@ -78,6 +79,8 @@ class LocalPlanner:
         from planners.cell.bundle import CellBundle
         from planners.survey.faults import load_checked
 
+        check_given(path, FileKind.CELL)
+        refuse_other_file(path, FileKind.CELL)
         # Where it is unpacked is read as long as tasks are planned.
         self._unpacked = TemporaryDirectory(prefix="liftwright-cell-")
         try:

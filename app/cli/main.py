@@ -627,13 +627,17 @@ def _list_cells(parsed: argparse.Namespace) -> int:
 
 
 def _show_cell(parsed: argparse.Namespace) -> int:
-    from app.cli.cell_command import show_cell
+    from app.cli.cell_command import refuse_file_as_name, show_cell
 
+    refuse_file_as_name(parsed.name)
     with _cell_keeper(parsed) as keeper:
         return show_cell(parsed.name, keeper, parsed.png, parsed.out)
 
 
 def _delete_cell(parsed: argparse.Namespace) -> int:
+    from app.cli.cell_command import refuse_file_as_name
+
+    refuse_file_as_name(parsed.name)
     with _cell_keeper(parsed) as keeper:
         keeper.delete(parsed.name)
     return 0

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from errno import ENOENT
+from errno import EISDIR, ENOENT
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Self, TextIO
@@ -152,8 +152,10 @@ def written_whole(out: Path | None) -> Iterator[TextIO | None]:
     if out is None:
         yield None
         return
+    if out.is_dir():
+        raise IsADirectoryError(EISDIR, "is a folder; name a file in it", str(out))
     if out.exists() and not out.is_file():
-        # A pipe or a terminal; of a directory the system says so itself.
+        # A pipe or a terminal.
         with out.open("w", encoding="utf-8") as stream:
             yield stream
         return

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from pydantic import ValidationError
 
 from app.cli.export_command import site_cell
+from app.cli.given_file import FileKind, read_given, refuse_other_file
 from app.cli.output import BadInput
 from app.viewer.drawing.link_meshes import LinkMeshes
 from app.viewer.playback import Playback
@@ -31,7 +32,8 @@ def replay_files(path: Path, log: Path, site: Path | None, out: Path | None) -> 
         BadInput: A file cannot be made sense of, or the log is of another plan.
         OSError: A file cannot be read or written.
     """
-    document = path.read_bytes()
+    document = read_given(str(path), FileKind.PLAN)
+    refuse_other_file(path, FileKind.PLAN)
     try:
         plan, executed = Plan.read(document), ExecutedMotion.read(log)
     except (NotJson, ValidationError) as error:

@@ -10,14 +10,16 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
+from app.cli.given_file import YAML_SUFFIXES, FileKind, read_given, refuse_other
 from app.cli.output import BadInput, Refused
+from planners.cell.needed_hands import FOR_LIFT, FOR_TOOL, check_shipped
 from planners.contract.problems import problems_of
 from planners.contract.strict_json import NotJson, parse_json
 from planners.contract.strict_yaml import NotYaml, parse_yaml
 from planners.contract.task_spec import read_task
+from planners.errors import SceneError
 
 STDIN = "-"
-YAML_SUFFIXES = frozenset({".yaml", ".yml"})
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,11 @@ class TaskFile:
         """Read a file, or standard input, which is YAML unless it begins as a JSON object does.
 
         Raises:
-            BadInput: It is neither, or what another command or the service has written.
+            BadInput: It is neither, or not there, or what another command or the service takes or has written.
             OSError: It cannot be read.
         """
         path, lines = Path(named), {}
-        content = sys.stdin.buffer.read() if named == STDIN else path.read_bytes()
+        content = sys.stdin.buffer.read() if named == STDIN else read_given(named, FileKind.TASK)
         is_yaml = path.suffix.lower() in YAML_SUFFIXES or (named == STDIN and not content.lstrip().startswith(b"{"))
         called = "standard input" if named == STDIN else named
         try:
@@ -50,13 +52,7 @@ class TaskFile:
                 task = parse_json(content, "the file")
         except (NotJson, NotYaml) as error:
             raise BadInput(f"{called}: {error}") from error
-        members: Mapping[str, Any] = task if isinstance(task, dict) else {}
-        if {"segments", "certificate", "task"} <= members.keys():
-            raise BadInput(f'{called} is a plan document, not a task; the one it was planned from is its member "task"')
-        if {"table", "unrecognised"} <= members.keys():
-            raise BadInput(
-                f"{called} is a scene, not a task; give it as --scene {named}, beside a task that names its objects"
-            )
+        refuse_other(task, called, FileKind.TASK)
         return cls(named, task, lines)
 
     @property
@@ -65,7 +61,7 @@ class TaskFile:
         return "stdin" if self.named == STDIN else Path(self.named).stem
 
     def check(self) -> None:
-        """Refuse what is no task, before anything is loaded that plans: people wait for this answer.
+        """Refuse what is no task, or in no shipped cell, before anything is loaded that plans: people wait for this.
 
         What takes its objects from a scene that a service keeps is not complete yet, and is not looked at.
 
@@ -78,8 +74,9 @@ class TaskFile:
             if detects or "scene_id" in self.task:
                 return
         try:
-            read_task(self.task)
-        except ValidationError as error:
+            task = read_task(self.task)
+            check_shipped(task.cell, FOR_LIFT if task.kind == "plate_lift" else FOR_TOOL)
+        except (ValidationError, SceneError) as error:
             raise Refused(problems_of(error)) from error
 
     def line_of(self, pointer: str) -> int | None:

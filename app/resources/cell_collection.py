@@ -98,7 +98,7 @@ class CellCollection(VersionedCells):
         """
         stored = self._find(cell_id)
         if stored is None:
-            raise CellNotFound(cell_id)
+            raise CellNotFound(cell_id, self, shipped=cell_id in self.shipped)
         return stored
 
     def findings(self, stored: StoredCell) -> CellFindings | None:
@@ -139,7 +139,7 @@ class CellCollection(VersionedCells):
             CellNotFound: There is none.
         """
         if name not in self:
-            raise CellNotFound(name)
+            raise CellNotFound(name, self)
         cell = self[name]
         place = survey_shelf(cell)
         if not place:

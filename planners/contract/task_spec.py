@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter
+from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
 
 from planners.contract.quantities import (
     SOFT_FINGER_EPS,
@@ -323,6 +324,10 @@ TaskSpec = Annotated[PlateLiftTask | SuctionToolTask, Field(discriminator="kind"
 KINDS = ("plate_lift", "suction_tool")
 UNION_TAGS = frozenset({*KINDS, "box", "cylinder", "prism", "mesh", "tool by name", "custom tool"})
 """Names by which pydantic tells the branches of unions apart in its error locations. None of them is a member."""
+_NO_TEXT = (
+    "a text is no task: give a pathlib.Path to read a file, as read_task(Path('task.json')), bytes of JSON, or the "
+    "dict that JSON was parsed to"
+)
 _ADAPTER: TypeAdapter[PlateLiftTask | SuctionToolTask] = TypeAdapter(TaskSpec)
 
 
@@ -334,10 +339,15 @@ def read_task(body: object) -> PlateLiftTask | SuctionToolTask:
 
     Raises:
         NotJson: the bytes are not JSON.
-        pydantic.ValidationError: `planners.contract.problems.problems_of` turns it into what the caller is told.
+        pydantic.ValidationError: a ValueError, for text too, which is neither opened nor parsed;
+            `planners.contract.problems.problems_of` turns it into what the caller is told.
     """
     if isinstance(body, Path):
         body = body.read_bytes()
+    if isinstance(body, str):
+        # Never opened: it may have come with a request, for which this is what any other value but an object is.
+        fault = PydanticCustomError("model_attributes_type", _NO_TEXT)
+        raise ValidationError.from_exception_data("task", [{"type": fault, "input": body}])
     return _ADAPTER.validate_python(parse_json(body) if isinstance(body, bytes) else body)
 
 

@@ -147,7 +147,8 @@ class _Stages:
         """The plate gets off its rest, perhaps, but not as far as the goal."""
         reached = {int(pose) for pose in self._graph.node_pose[self._graph.reachable()]}
         farthest = max(sorted(reached), key=self._tilt)
-        name = self._poses[farthest].contact.name
+        scene = self._sampling.scene
+        name = self._poses[farthest].contact.told(scene.plate.outline, scene.T_world_plate)
         degrees = math.degrees(self._tilt(farthest))
         beyond = {int(pose) for known in reached for pose in self._sampling.poses.neighbours[known]} - reached
         causes = self._lost(sorted(beyond, key=lambda pose: (self._distance(farthest, pose), pose)), f"beyond {name}")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from itertools import groupby, pairwise
+from dataclasses import replace
+from itertools import cycle, groupby, islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.balance.balanced import Balanced
 from planners.balance.capacity import LiftCapacity
+from planners.balance.relaxed_balance import relaxed
 from planners.cell.arm_span import OutOfReach
 from planners.contract.task_spec import HandForceLimit
 from planners.graph.rejections import Rejection, Rejections
@@ -24,6 +28,8 @@ from planners.manipulation.statics.reserves import ReservedSegments, keeping_mos
 from planners.plan.verdicts import PlanningOutcome
 from planners.scene.lift_scene import PlateLiftScene
 
+_MOST_ASKED = 100
+"""Poses in the air with a grip and a push, of which it is asked whether they hold a plate that is too heavy."""
 _CAUSES = 6
 """Causes that are told where nothing was found."""
 
@@ -33,7 +39,9 @@ def solved(search: LiftSearch, found: Found) -> LiftPlan:
     steps = tuple(_step(search, node) for node in found.path.nodes)
     changes = sum(a.contact != b.contact for a, b in pairwise(steps))
     # What happens between the nodes counts too: their contacts and forces are not all there is.
-    contacts = [word for word, _ in groupby(segment.contact.name for segment in found.segments)]
+    plate = search.sampling.scene.plate
+    told = (segment.contact.told(plate.outline, plate.T_world_body) for segment in found.segments)
+    contacts = [word for word, _ in groupby(told)]
     reserved = _reserved(search, found.segments)
     sets = (each.balance for segment in reserved.segments for each in segment.contact_sets)
     force = max(balance.f_plus_gp for balance in sets)
@@ -90,7 +98,7 @@ def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapa
         f"the plate weighs {capacity.needed:.1f} N."
     )
     if borne is not None and capacity.cup + sum(borne) >= capacity.needed:
-        summary += f" It is the task's limit that is short: {_limits_told(sampling.scene, borne)}."
+        summary += f" {_with_all_that_arms_bear(sampling, borne)}"
     return _unsearched(sampling, rejections, PlanningOutcome.INFEASIBLE, cause, summary)
 
 
@@ -98,6 +106,49 @@ def _borne_beyond_limits(scene: PlateLiftScene, capacity: LiftCapacity) -> tuple
     """Return what the arms' payloads leave gripper and stick [N]; None where the task allows no less than that."""
     gripper, pusher = payload_forces(scene.cell)
     return (gripper, pusher) if capacity.gripper < gripper or capacity.pusher < pusher else None
+
+
+def _with_all_that_arms_bear(sampling: LiftSampling, borne: tuple[float, float]) -> str:
+    """Say whether forces hold the plate in the air once the task allows what the arms bear, and what else it takes.
+
+    It may be that no way leads there all the same: that is not looked at.
+    """
+    scene, told = sampling.scene, _limits_told(sampling.scene, borne)
+    most = math.ceil(max(borne))
+    limit = scene.hand_force_limit.model_copy(update={"normal": float(most), "net": float(most)})
+    granted = replace(scene, hand_force_limit=limit)
+    lacking = _least_cup_force(sampling.with_limits(granted))
+    if lacking == 0.0:
+        return f"The task's limit is short: {told}; with all of that, forces hold the plate, if the arms get it there."
+    if lacking is not None:
+        force = math.ceil(10.0 * (scene.cup.max_force + lacking)) / 10.0
+        stronger = replace(granted, cup=replace(scene.cup, max_force=force))
+        if _least_cup_force(sampling.with_limits(stronger)) == 0.0:
+            cup = f"the cup pulls with {force:g} N as well, instead of {scene.cup.max_force:g} N"
+            return f"The task's limit is short, and not alone: {told}; with all of that, forces hold it if {cup}."
+    return f"The task's limit is short, and not alone: {told}; with all of that, no forces were found that hold it."
+
+
+def _least_cup_force(sampling: LiftSampling) -> float | None:
+    """Return how much more a cup has to pull for some grip and push to hold the plate off its support [N].
+
+    0: they do. None: no force was found to be enough.
+    """
+    balance, least = sampling.balance(0.0, tolerances=False), None
+    # One of each pose after the other: what one answer proves rules out many others.
+    for pose in islice(cycle(sampling.poses.goals), _MOST_ASKED):
+        left = np.argwhere(~balance.ruled_out[pose, 1:, 1:])
+        if not len(left):
+            continue
+        grip, push = (int(number) for number in left[len(left) // 2])
+        if isinstance(balance.at(pose, (grip, push)), Balanced):
+            return 0.0
+        balance.ruled_out[pose, 1 + grip, 1 + push] = True
+        where = sampling.poses.poses[pose]
+        more = relaxed(balance.program(where.T_world_plate, where.contact_points, (grip, push))).cup_force
+        if more is not None:
+            least = more if least is None else min(least, more)
+    return least
 
 
 def _limits_told(scene: PlateLiftScene, borne: tuple[float, float]) -> str:

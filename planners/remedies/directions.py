@@ -8,6 +8,7 @@ import numpy as np
 
 from planners.cell.cell import Cell
 from planners.geometry.pose import Array
+from planners.geometry.sides import AWAY, LEFT, RIGHT, TOWARDS
 
 _BEST_REACH = 0.7
 """How far in front of the shoulders the place is that both arms reach best, as a share of an arm's reach [1]."""
@@ -36,8 +37,8 @@ def heading(way: Array) -> str:
 def told_way(way: Array) -> str:
     """Say how far and where a way (2,) in the world [m] leads, as in "50 mm to the left"; empty where nowhere."""
     parts = (
-        (float(way[0]), "away from the robot", "towards the robot"),
-        (float(way[1]), "to the left", "to the right"),
+        (float(way[0]), AWAY, TOWARDS),
+        (float(way[1]), LEFT, RIGHT),
     )
     told = [
         f"{1e3 * abs(length):.0f} mm {forward if length > 0.0 else back}"

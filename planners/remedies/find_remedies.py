@@ -8,7 +8,7 @@ from itertools import chain
 
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
-from planners.plan.verdicts import PlanningOutcome, Remedy
+from planners.plan.verdicts import Cause, PlanningOutcome, Remedy
 from planners.progress import Progress
 from planners.remedies.change import AnyTask, Effort, TaskChange, put, told_cup_place
 from planners.remedies.kinds import KINDS
@@ -37,6 +37,8 @@ MOST_TRIES = 4
 """Changes of one kind that are planned, ..."""
 MOST_IN_VAIN = 2
 """... and of those that are planned in vain where another kind helps."""
+CAPACITY = "capacity"
+"""Where causes are that a closed bound proves: how much hands and cup bear at all."""
 BETTER = 1.25
 """A larger change is told beside a smaller one of its way where so many times the reserve is kept back, or the largest
 force is so many times less [1]."""
@@ -134,6 +136,21 @@ def why_none(tried: Iterable[str]) -> str:
     """
     words = [words for kind, words in KINDS.items() if kind in set(tried)]
     return f"Tried in vain: {', '.join(words)}." if words else "No change is known that would help."
+
+
+def in_vain(causes: Iterable[Cause], remedies: Iterable[Remedy], tried: Iterable[str]) -> str:
+    """Say that more force of the hands is not enough where a proof names what hands bear; else say nothing.
+
+    Args:
+        causes: of there being no plan.
+        remedies: what helps.
+        tried: kinds of changes.
+    """
+    kind = "hand_limits"
+    is_named = any(cause.where == CAPACITY for cause in causes)
+    if not is_named or kind not in tried or any(remedy.kind == kind for remedy in remedies):
+        return ""
+    return f"Tried alone and in vain: {KINDS[kind]}. "
 
 
 def with_cup_at(place: tuple[float, float], remedy: Remedy) -> Remedy:

@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from planners.balance.cone_program import ConeProgram
+from planners.balance.relaxed_balance import relaxed
 from planners.contract.shapes import Box
 from planners.contract.task_change import PatchOperation
 from planners.contract.task_spec import Obstacle, PlateLiftTask, Support
@@ -51,7 +52,6 @@ from planners.remedies.directions import (
     told_way,
     way_to_best,
 )
-from planners.remedies.relaxed_balance import relaxed
 from planners.scene.lift_scene import PlateLiftScene
 
 _CUT_STATES = 6

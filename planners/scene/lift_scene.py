@@ -12,6 +12,7 @@ import numpy as np
 
 from planners.cell.cell import Cell
 from planners.cell.hand import Gripper
+from planners.cell.needed_hands import FOR_LIFT
 from planners.contract.task_spec import (
     HandForceLimit,
     LifterModel,
@@ -198,11 +199,7 @@ def lift_cell(task: PlateLiftTask, cells: Mapping[str, Cell] | None = None) -> C
     Raises:
         SceneError: There is none, or it has other hands; with the names of those that have such.
     """
-    return find_cell(task.cell, cells, _lifts_plates, "a plate lift needs a cell with one gripper and one stick")
-
-
-def _lifts_plates(cell: Cell) -> bool:
-    return len(cell.gripper_arms) == 1 and len(cell.pusher_arms) == 1
+    return find_cell(task.cell, cells, FOR_LIFT)
 
 
 def _squeeze(task: PlateLiftTask, gripper: Gripper) -> float | None:

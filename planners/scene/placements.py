@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from planners.cell.cell import Cell, StaticBox, known_cells, load_cell
+from planners.cell.needed_hands import NeededHands
 from planners.contract.shapes import Box
 from planners.contract.task_spec import Obstacle
 from planners.errors import SceneError, SceneFaults
@@ -58,24 +59,26 @@ def place_obstacle(index: int, obstacle: Obstacle, shapes: ShapeSource) -> Body:
 RESERVED_NAMES = frozenset({"plate", "support", "table", "cup", "cable", "tool", "world", "left", "right"})
 
 
-def find_cell(name: str, cells: Mapping[str, Cell] | None, fits: Callable[[Cell], bool], needed: str) -> Cell:
+def find_cell(name: str, cells: Mapping[str, Cell] | None, needed: NeededHands) -> Cell:
     """Return the cell of a name.
 
     Args:
         name: as the task says.
         cells: the cells there are; None: the shipped ones.
-        fits: whether a cell has the hands that the task needs.
-        needed: says which those are.
+        needed: the hands that the task needs.
 
     Raises:
         SceneError: There is none, or it does not fit; with the names of those that do.
     """
     known = known_cells() if cells is None else cells
     find = load_cell if cells is None else cells.__getitem__
+
+    def fits(cell: Cell) -> bool:
+        return (len(cell.gripper_arms), len(cell.pusher_arms)) == (needed.grippers, needed.sticks)
+
     found = find(name) if name in known else None
     if found is None or not fits(found):
-        detail = f"there is no cell {name}" if found is None else needed
-        raise SceneError("/cell", detail, [other for other in known if fits(find(other))])
+        raise needed.refusal(name, [other for other in known if fits(find(other))], known=found is not None)
     return found
 
 

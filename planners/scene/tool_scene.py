@@ -8,6 +8,7 @@ from functools import partial
 from typing import Self
 
 from planners.cell.cell import Cell
+from planners.cell.needed_hands import FOR_TOOL
 from planners.contract.task_spec import SuctionToolFriction, SuctionToolOptions, SuctionToolTask
 from planners.errors import SceneError, SceneFaults
 from planners.geometry.pose import Array
@@ -129,11 +130,7 @@ def tool_cell(task: SuctionToolTask, cells: Mapping[str, Cell] | None = None) ->
     Raises:
         SceneError: There is none, or it has other hands; with the names of those that have such.
     """
-    return find_cell(task.cell, cells, _grips_with_both, "a suction tool needs a cell with two grippers")
-
-
-def _grips_with_both(cell: Cell) -> bool:
-    return len(cell.gripper_arms) == 2
+    return find_cell(task.cell, cells, FOR_TOOL)
 
 
 def _squeeze(task: SuctionToolTask, cell: Cell, carried: float) -> float:

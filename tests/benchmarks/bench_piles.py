@@ -129,6 +129,7 @@ def _refusal(pile: Pile, seed: int) -> str | None:
     if reason is None:
         return None
     reason = re.sub(r"(tool_rest)_\w+", r"\1", re.sub(r"_\d+\b", "", reason))
+    reason = re.sub(r"overlap by [\d.]+ mm", "overlap", reason.partition("; moved ")[0])
     return re.sub(r"is [\d.]+ mm deep", "is deep", reason)
 
 

@@ -89,7 +89,7 @@ def refusal(seed: int, cells: Mapping[str, Cell] | None = None) -> str | None:
     try:
         build_scene(task, cells)
     except SceneError as refused:
-        return re.sub(r"\d+(\.\d+)?(e-?\d+)?", "…", refused.detail)
+        return re.sub(r"\d+(\.\d+)?(e-?\d+)?", "…", refused.detail.partition("; moved ")[0])
     return None
 
 

@@ -128,7 +128,10 @@ UNPLANNED = {"numba", "trimesh", "scipy", "pinocchio", "pybullet", "cvxpy", "ric
 """What takes long to load, and only planning has a use for."""
 
 
-@pytest.mark.parametrize("body", [{}, {"kind": "plate_lift"}, {"kind": "suction_tool", "objects": []}])
+MISSPELT = {**json.loads((ROOT / "assets/tasks/ab1.json").read_text()), "cell": "dual_ur3e_lfit"}
+
+
+@pytest.mark.parametrize("body", [{}, {"kind": "plate_lift"}, {"kind": "suction_tool", "objects": []}, MISSPELT])
 def test_what_is_no_task_is_refused_before_anything_is_loaded_that_plans(tmp_path: Path, body: Any) -> None:
     path = _written(tmp_path / "task.json", body)
     code = (

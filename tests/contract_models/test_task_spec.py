@@ -28,6 +28,17 @@ def test_every_task_file_is_a_task_named_like_its_file(path):
     assert read_task(parse_json(path.read_bytes())).external_id == path.stem
 
 
+@pytest.mark.parametrize("text", [str(TASKS[0]), TASKS[0].read_text(), "", "plate_lift"])
+def test_text_is_no_task_and_whoever_gives_it_is_told_what_is(text):
+    """It is never opened, nor parsed: over HTTP it is what any other value but an object is."""
+    assert read_task(TASKS[0]) == read_task(TASKS[0].read_bytes()) == read_task(json.loads(TASKS[0].read_text()))
+    with pytest.raises(ValueError, match=r"pathlib.Path.*bytes.*dict") as refused:
+        read_task(text)
+    with pytest.raises(ValidationError) as other:
+        read_task(17)
+    assert problems_of(refused.value) == problems_of(other.value)
+
+
 def test_the_papers_experiments_are_there():
     assert {path.stem for path in TASKS} >= {"ab1", "ab2", "ab3", "pb1", "pb2", "pb1_weak_cup", "pb2_weak_cup"}
 

@@ -18,10 +18,11 @@ from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import from_pose7
 from planners.manipulation.lift_attempts import NOT_WITHIN_TOLERANCES
 from planners.manipulation.lift_settings import LiftSettings
-from planners.plan.verdicts import PlanningOutcome, Remedy
+from planners.plan.verdicts import Cause, PlanningOutcome, Remedy
 from planners.progress import silent
 from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
-from planners.remedies.find_remedies import why_none, with_cup_at
+from planners.remedies.find_remedies import CAPACITY, in_vain, why_none, with_cup_at
+from planners.remedies.kinds import KINDS
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
@@ -291,6 +292,29 @@ def test_a_remedy_that_states_where_the_cup_stays_says_so_and_one_that_moves_it_
     assert [step.path for step in pinned.patch] == ["/cup/position", "/plate_pose"]
     moved = remedy("/cup/position")
     assert with_cup_at((-0.12, 0.005), moved) == moved
+
+
+def test_force_of_the_hands_that_a_proof_names_is_told_to_be_in_vain_unless_it_helps() -> None:
+    """A reader who raises it alone would plan in vain."""
+    bound, other = (
+        Cause(reason="r", needed=2.0, available=1.0, unit="N", where=where) for where in (CAPACITY, "reach")
+    )
+
+    def remedy(kind: str) -> Remedy:
+        return Remedy(
+            kind=kind, sentence="Do it.", patch=[], outcome=PlanningOutcome.SOLVED, certified=True,
+            reserve=None, largest_force=None,
+        )  # fmt: skip
+
+    told = in_vain([bound], [remedy("two_changes")], ["hand_limits", "cup_force"])
+    assert KINDS["hand_limits"] in told
+    assert KINDS["cup_force"] not in told
+    for quiet in (
+        ([bound], [remedy("hand_limits")], ["hand_limits"]),
+        ([bound], [remedy("two_changes")], ["cup_force"]),
+        ([other], [remedy("two_changes")], ["hand_limits"]),
+    ):
+        assert in_vain(*quiet) == ""
 
 
 def test_kinds_of_changes_that_were_tried_in_vain_are_told() -> None:

@@ -3,6 +3,7 @@
 import copy
 import json
 import math
+import re
 from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
@@ -193,6 +194,46 @@ def test_an_obstacle_may_touch_a_part_of_the_cell_and_reach_a_millimetre_into_it
         build(body)
     assert caught.value.pointers == ("/obstacles/0/pose",)
     assert f"block is {1e3 * deep:.4g} mm deep in {part}" in str(caught.value)
+
+
+MOVED = re.compile(r"moved ([0-9.]+) mm towards ([+-])([xyz]), (\w+) is clear of (\w+)$")
+
+
+def test_what_overlaps_is_told_how_deep_and_a_move_that_parts_it(build):
+    """As deep as another library finds boxes in one another; it finds them apart once one is moved as told, not sooner.
+
+    Blocks stand on the table, and a little in a plate that lies there; both are turned.
+    """
+    rng = np.random.default_rng(7)
+    sides, place = np.array(AB1["plate"]["shape"]["size"]), np.array(AB1["plate_pose"][:3])
+    axes = Counter()
+    for _ in range(20):
+        size, halves = rng.uniform(0.04, 0.2, 3), rng.uniform(-0.5, 0.5, 2)
+        center = place + rng.choice([-1, 1], 3) * rng.uniform(0.5, 1.0, 3) * 0.5 * (sides + size)
+        center[2] = TABLE_TOP + 0.5 * size[2]
+        lying, pose = ([*at, math.cos(h), 0, 0, math.sin(h)] for at, h in zip((place, center), halves, strict=True))
+        block = {"name": "block", "shape": {"type": "box", "size": size.tolist()}, "pose": pose}
+        boxes = {
+            "plate": fcl.CollisionObject(fcl.Box(*sides), fcl.Transform(from_pose7(lying)[:3, :3], place)),
+            "block": fcl.CollisionObject(fcl.Box(*size), fcl.Transform(from_pose7(pose)[:3, :3], center)),
+        }
+        met = fcl.CollisionResult()
+        if not fcl.collide(*boxes.values(), fcl.CollisionRequest(num_max_contacts=64, enable_contact=True), met):
+            continue
+        with pytest.raises(BodiesOverlap, match="plate and block overlap by") as refused:
+            build({**AB1, "plate_pose": lying, "obstacles": [block]})
+        (deep,) = re.findall(r"overlap by ([0-9.e-]+) mm", refused.value.detail)
+        assert float(deep) == pytest.approx(1e3 * max(each.penetration_depth for each in met.contacts), rel=1e-3)
+        far, sign, axis, name, other = MOVED.search(refused.value.detail).groups()
+        axes[axis] += 1
+        assert {name, other} == boxes.keys()
+        assert float(far) >= float(deep)
+        towards, start = float(f"{sign}1e-3") * np.eye(3)["xyz".index(axis)], boxes[name].getTranslation()
+        for way, apart in ((float(far), True), (float(far) - 0.15, False)):
+            boxes[name].setTranslation(start + way * towards)
+            touching = fcl.collide(*boxes.values(), fcl.CollisionRequest(), fcl.CollisionResult())
+            assert bool(touching) != apart
+    assert len(axes) == 3
 
 
 def test_a_support_may_touch_the_column_and_not_reach_into_it(build):

@@ -8,10 +8,11 @@ import pytest
 import yaml
 
 from planners.cell.cell import load_cells
+from planners.cell.needed_hands import FOR_LIFT, FOR_TOOL, check_shipped
 from planners.contract.problems import problems_of
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
-from planners.scene.scene import build_scene
+from planners.scene.scene import build_scene, cell_of
 
 ROOT = Path(__file__).parents[2]
 CASES = yaml.load((ROOT / "tests/problems/scene_refusals.yaml").read_text(), yaml.CSafeLoader)
@@ -47,6 +48,28 @@ def test_a_plate_over_the_edge_of_the_table_is_told_where_the_table_ends(cells):
     low, high = table.center - 0.5 * table.size, table.center + 0.5 * table.size
     ends = f"from x = {low[0]:.4g} to {high[0]:.4g} and from y = {low[1]:.4g} to {high[1]:.4g}"
     assert caught.value.detail.endswith(ends)
+
+
+MEANT = {"dual_ur3e_lfit": "dual_ur3e_lift", "dual_ur5e_tol": "dual_ur5e_tool"}
+
+
+@pytest.mark.parametrize("name", [*MEANT, *MEANT.values(), "moon_base"])
+@pytest.mark.parametrize("task", ["ab1", "domino_pile"])
+def test_the_files_alone_refuse_the_cells_that_whoever_loads_them_refuses(name, task, cells):
+    """In the same words, with the same choices, and the one that is meant where a name is nearly right."""
+
+    def told(check):
+        try:
+            check()
+        except SceneError as error:
+            return error.pointers, error.detail, error.allowed
+        return None
+
+    spec = read_task(body_of({"task": task, "with": {"/cell": name}}))
+    refusal = told(lambda: check_shipped(name, FOR_LIFT if spec.kind == "plate_lift" else FOR_TOOL))
+    assert refusal == told(lambda: cell_of(spec, cells))
+    if name in MEANT:
+        assert (MEANT[name] in refusal[2]) == refusal[1].endswith(f"did you mean {MEANT[name]}?")
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])

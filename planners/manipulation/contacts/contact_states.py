@@ -10,6 +10,7 @@ import numpy as np
 
 from planners.geometry.polyhedron import Boundary, ConvexPrism, Element, ElementKind
 from planners.geometry.pose import Array, skew
+from planners.geometry.sides import told_side
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,17 @@ class PrincipalContact:
         if self.index is None:
             return "no contact"
         return "face" if self.element == "face" else f"{self.element} {self.index}"
+
+    def told(self, outline: Array, R_world_plate: Array) -> str:
+        """As people say it who see the plate lie: "face", "edge 3, to the left", "vertex 0, …", "no contact".
+
+        Args:
+            outline: (n, 2) of the plate, counter-clockwise [m].
+            R_world_plate: how it lies at the start.
+        """
+        if self.plate is None or self.plate.kind is ElementKind.FACE:
+            return self.name
+        return f"{self.name}, {told_side(outline, R_world_plate, self.plate.kind.value, self.plate.index)}"
 
 
 NO_CONTACT = PrincipalContact(None, None)

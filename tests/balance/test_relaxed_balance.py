@@ -12,8 +12,8 @@ from planners.balance.balanced import Balanced
 from planners.balance.cone_program import TORQUE_LENGTH, ConeProgram
 from planners.balance.contacts import Cup
 from planners.balance.lifter import LifterModel
+from planners.balance.relaxed_balance import relaxed
 from planners.geometry.pose import Array
-from planners.remedies.relaxed_balance import relaxed
 from tests.support.random_holds import Lift, random_lift
 
 NO_POINTS = np.empty((0, 3))
