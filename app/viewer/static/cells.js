@@ -53,10 +53,13 @@ async function show(cell) {
   byId("delete").onclick = () => remove(cell).catch(refuse);
   byId("large").href = byId("picture").src = cell.links.picture;
   byId("state").textContent = "looking at it …";
+  byId("noted").hidden = true;
   const figures = await call(cell.links.survey);
   if (shown !== cell.id) return;
   byId("state").textContent = "";
   byId("sentences").replaceChildren(...figures.sentences.map((textContent) => element("li", { textContent })));
+  byId("noted").hidden = !figures.notes.length;
+  byId("notes").replaceChildren(...figures.notes.map((textContent) => element("li", { textContent })));
   const hands = Object.values(figures.arms).map(({ kind }) => kind);
   byId("lift").hidden = !(hands.includes("gripper") && hands.includes("stick"));
   byId("move").hidden = hands.includes("stick");
