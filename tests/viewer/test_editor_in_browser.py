@@ -41,8 +41,10 @@ OWN_TOOL = {
     "mass": 0.25,
     "cup": {"radius": 0.0175, "max_force": 20},
 }
-FOR_PROGRAMS = r"/kind|/scene_id|/tool/shapes/.*|/options/(search|grips|pushes)|/support|/obstacles|/tool_pose|.*/upload"
-"""What nobody types: it comes with the way a task begins, is a list of places that a program knows, or is added whole."""
+FOR_PROGRAMS = (
+    r"/kind|/scene_id|/tool/shapes/.*|/options/(search|grips|pushes)|/support|/obstacles|/tool_pose|.*/upload"
+)
+"""What nobody types: it comes as a task begins, is a list of places that a program knows, or is added as a whole."""
 
 pytestmark = needs_browser
 

@@ -574,14 +574,14 @@ class Fields {
     return accepted ? steps(pointer).reduce((value, step) => value?.[step], accepted) : undefined;
   }
 
-  number({ label, pointer, unit, factor, step, optional, read, write }) {
+  number({ label, pointer, unit, factor, step, optional, fallback, read, write }) {
     const input = element("input", { type: "number", step: "any", inputMode: "decimal" });
     const get = read ?? (() => this.value(pointer));
     const set = write ?? ((value) => (value === null && optional ? this.draft.remove(pointer) : this.draft.set(pointer, value)));
     const shown = (value) => (typeof value === "number" ? String(rounded(value * factor, 4)) : "");
     this.refresh(input, () => {
       input.value = shown(get());
-      input.placeholder = optional ? shown(this.preset(pointer)) : "";
+      input.placeholder = optional ? shown(this.preset(pointer) ?? fallback) : "";
     });
     input.oninput = () => set(input.value === "" || !Number.isFinite(input.valueAsNumber) ? null : rounded(input.valueAsNumber / factor));
     input.onblur = () => (this.draft.rest(), (input.value = shown(get())));

@@ -191,7 +191,8 @@ function shapeFields(pointer, draft, types, capabilities) {
 /** Fields of the task as a whole. */
 function taskFields(task, capabilities) {
   const lift = task.kind === "plate_lift";
-  const twisting = number("Torque over friction of a finger, eps", "/friction/eps", { ...MM, step: 0.5 }, { optional: true });
+  // Accepted suction-tool tasks state it only where it is another one than the default.
+  const twisting = number("Torque over friction of a finger, eps", "/friction/eps", { ...MM, step: 0.5 }, { optional: true, fallback: 0.0075 });
   const seed = number("Seed of what is drawn by chance", "/seed", WHOLE, { optional: true });
   const own = lift
     ? [
