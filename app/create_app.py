@@ -184,7 +184,7 @@ def create_app(
     )
     app.state.settings = settings
     install_error_handlers(app, pages.problem_for_a_person)
-    app.add_middleware(AccessControl)
+    app.add_middleware(AccessControl, page=pages.problem_for_a_person)
     app.add_middleware(HeadAsGet)
     app.add_middleware(OneLength)
     app.add_middleware(RequestLog)

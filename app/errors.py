@@ -15,6 +15,7 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
 from starlette.responses import Response
 from starlette.routing import compile_path
 
@@ -430,7 +431,11 @@ class ProblemResponse(Response):
         super().__init__(json.dumps(body), answer.status.value, dict(headers or {}), MEDIA_TYPE)
 
 
-def install_error_handlers(app: FastAPI, page: Callable[[ProblemResponse], Response]) -> None:
+ProblemPage = Callable[[HTTPConnection, ProblemResponse], Response]
+"""Returns the page of an error for the person whose browser asked."""
+
+
+def install_error_handlers(app: FastAPI, page: ProblemPage) -> None:
     """Answer every error of `ANSWERED`, what the router refuses, and whatever else happens, as problem+json.
 
     Args:
@@ -441,8 +446,7 @@ def install_error_handlers(app: FastAPI, page: Callable[[ProblemResponse], Respo
     def readable(answered: Callable[[Request, Exception], ProblemResponse]) -> Callable[..., Response]:
         def answer(request: Request, error: Exception) -> Response:
             problem = answered(request, error)
-            navigates = request.method in ("GET", "HEAD") and takes_pages(request.headers)
-            return page(problem) if navigates else problem
+            return page(request, problem) if navigates(request.method, request.headers) else problem
 
         return answer
 
@@ -453,9 +457,9 @@ def install_error_handlers(app: FastAPI, page: Callable[[ProblemResponse], Respo
     app.add_exception_handler(Exception, readable(_answer_unknown))
 
 
-def takes_pages(headers: Headers) -> bool:
-    """Whether it is a browser that asks, for a person who reads what comes."""
-    return "text/html" in headers.get("accept", "")
+def navigates(method: str, headers: Headers) -> bool:
+    """Tell whether it is a browser that asks, for a person who reads what comes."""
+    return method in ("GET", "HEAD") and "text/html" in headers.get("accept", "")
 
 
 def _answer_known(_: Request, error: Exception) -> ProblemResponse:

@@ -35,7 +35,7 @@ from starlette.websockets import WebSocketClose
 
 from app.access.authenticator import keys_needed
 from app.access.key_store import KeyStore
-from app.errors import NotReady, error_response, takes_pages
+from app.errors import NotReady, error_response, navigates
 from app.logs import set_up_logs
 from app.server.configuration import LONGEST_GOODBYE_SECONDS, server_configuration
 from app.server.connections import GuardedServer, raise_file_limit
@@ -355,7 +355,7 @@ class LoadedWhileServing:
             await WebSocketClose(TRY_AGAIN_LATER)(scope, receive, send)
         elif scope["path"] == "/livez":
             await JSONResponse({"status": "alive"})(scope, receive, send)
-        elif scope["method"] == "GET" and takes_pages(Headers(scope=scope)):
+        elif scope["method"] == "GET" and navigates("GET", Headers(scope=scope)):
             await _starting_page(self._doing)(scope, receive, send)
         else:
             await error_response(NotReady(f"the service is starting: {self._doing}"))(scope, receive, send)

@@ -17,7 +17,7 @@ from starlette.websockets import WebSocketClose
 
 from app.access.authenticator import Authenticator, Credentials
 from app.access.caller import Caller, Scope
-from app.errors import ANSWERED, ForeignPage, KeyNeeded, ScopeNeeded, WrongHost, error_response, takes_pages
+from app.errors import ANSWERED, ForeignPage, KeyNeeded, ProblemPage, ScopeNeeded, WrongHost, error_response, navigates
 from app.settings import ServiceSettings
 
 LOGIN = "/viewer/login"
@@ -59,8 +59,9 @@ class AccessControl:
     Routes find the `Caller` in the state of the request.
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, page: ProblemPage) -> None:
+        """`page` returns a refusal for a person, whose browser asks for a page."""
+        self._app, self._page = app, page
 
     async def __call__(self, connection: Connection, receive: Receive, send: Send) -> None:
         """Handle one connection."""
@@ -73,12 +74,26 @@ class AccessControl:
         try:
             caller = await admit(request)
         except ANSWERED as error:
-            await _refuse(request, method, error, receive, send)
+            await self._refuse(request, method, error, receive, send)
             return
         connection.setdefault("state", {})["caller"] = caller
         if caller is not None and changes_something(method, request.url.path):
             send = _audited(authenticator, caller, request, method, send)
         await self._app(connection, receive, send)
+
+    async def _refuse(
+        self, request: HTTPConnection, method: str, error: Exception, receive: Receive, send: Send
+    ) -> None:
+        if request.scope["type"] == "websocket":
+            # The server makes a 403 of it.
+            await WebSocketClose(POLICY_VIOLATION)(request.scope, receive, send)
+            return
+        problem = error_response(error)
+        response: Response = problem
+        if navigates(method, request.headers):
+            wants_key = isinstance(error, KeyNeeded)
+            response = RedirectResponse(login_address(request), 303) if wants_key else self._page(request, problem)
+        await response(request.scope, receive, send)
 
 
 async def admit(request: HTTPConnection) -> Caller | None:
@@ -174,21 +189,10 @@ def _audited(authenticator: Authenticator, caller: Caller, request: HTTPConnecti
     return send_and_keep
 
 
-async def _refuse(request: HTTPConnection, method: str, error: Exception, receive: Receive, send: Send) -> None:
-    response = error_response(error)
-    if request.scope["type"] == "websocket":
-        # The server makes a 403 of it.
-        await WebSocketClose(POLICY_VIOLATION)(request.scope, receive, send)
-        return
-    if isinstance(error, KeyNeeded) and method in SAFE and takes_pages(request.headers):
-        response = _to_login(request)
-    await response(request.scope, receive, send)
-
-
-def _to_login(request: HTTPConnection) -> Response:
-    """Send a browser to where a person can show a key, and then back."""
+def login_address(request: HTTPConnection) -> str:
+    """Return where a person can show a key, and then comes back."""
     wanted = request.url.path + (f"?{request.url.query}" if request.url.query else "")
-    return RedirectResponse(f"{LOGIN}?next={quote(wanted, safe='/')}", 303)
+    return f"{LOGIN}?next={quote(wanted, safe='/')}"
 
 
 def _name_in(host: str) -> str:

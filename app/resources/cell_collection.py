@@ -12,7 +12,7 @@ from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell
 from planners.survey.cell_limits import CellLimits
 from planners.survey.faults import doubts_about, load_checked, surveyed
-from planners.survey.survey import CellSurvey, SurveyFigures
+from planners.survey.survey import CellSurvey
 from workers.stores.cell_store import CellFindings, CellStore, StoredCell
 
 LookAtCell = Callable[[Cell], CellSurvey]
@@ -105,6 +105,15 @@ class CellCollection(VersionedCells):
         """Return what was found in a cell when it was posted; None: it is gone by now."""
         return self._store.findings(stored.id)
 
+    def notes(self, name: str) -> tuple[str, ...]:
+        """Return what was noticed in a cell when it was posted; of a shipped one there is nothing to tell.
+
+        Raises:
+            CellNotFound: There is none.
+        """
+        found = None if name in self.shipped else self.findings(self.stored(name))
+        return () if found is None else found.notes
+
     def limits(self) -> dict[str, CellLimits]:
         """Return what tasks must keep within, by name of the cell; one that cannot be loaded any more is left out."""
         shipped = {name: CellLimits.of(cell) for name, cell in self.shipped.items()}
@@ -123,7 +132,7 @@ class CellCollection(VersionedCells):
         """
         return self._store.add(bundle, self._examined(bundle), self._caller.owner)
 
-    def examine(self, bundle: CellBundle) -> SurveyFigures:
+    def examine(self, bundle: CellBundle) -> CellFindings:
         """Return what a cell can do, without keeping it.
 
         Raises:

@@ -236,6 +236,8 @@ class PlanResource(Resource):
     """When a plan was found and had passed its certificate. None where nothing was found."""
     attempts: int
     """How often a solver process began."""
+    study_id: str | None = None
+    """Of the study of which it plans a point. None: of none, or of one that was deleted."""
     error: PlanError | None
     cancelled_by: Literal["request", "end_time"] | None
     """Why a job was cancelled: somebody asked for it, or it had not ended by its `end_time`."""
@@ -398,6 +400,7 @@ def plan_resource(
             "finished_at": _time(_finished_us(record, job)),
             "certified_at": _time(record.certified_us),
             "attempts": record.attempts,
+            "study_id": record.study_id,
             "error": None if job.error is None else {"detail": job.error},
             "cancelled_by": _cancelled_by(record, job),
             "links": {

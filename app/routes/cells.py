@@ -80,7 +80,7 @@ async def post_cell(
     "/surveys", summary="Check a cell without keeping it", openapi_extra=CELL_BODY, responses=REFUSED, status_code=200
 )
 async def post_survey(request: Request, cells: Cells, settings: Settings, limits: CellGate) -> SurveyFigures:
-    """Return what a cell can do: where its hands reach and what they bear there."""
+    """Return what a cell can do: where its hands reach and what they bear there; and what was noticed in its files."""
     async with limits.held:
         content, suffix = await read_cell(request, settings.max_cell_bytes, settings)
         return await to_thread.run_sync(lambda: cells.examine(_bundle(content, suffix)), limiter=limits.worked)
@@ -119,7 +119,8 @@ async def get_survey(request: Request, cell_id: str, cells: Cells, bench: Bench,
     """Return where the hands of a cell reach and what they bear there, in figures."""
 
     def figures(wanted: StillWanted) -> SurveyFigures:
-        return cells.survey(cell_id, partial(bench.do, wanted, look_at)).figures()
+        found = cells.survey(cell_id, partial(bench.do, wanted, look_at)).figures()
+        return found.model_copy(update={"notes": cells.notes(cell_id)})
 
     return await while_waited_for(request, figures, limits.worked)
 

@@ -8,8 +8,10 @@ from importlib import resources
 from pathlib import PurePath
 
 from fastapi import APIRouter, HTTPException
+from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, Response
 
+from app.access.access_control import login_address
 from app.errors import ProblemResponse
 from app.viewer.page import MEDIA_TYPES, problem_page, static_text
 
@@ -32,10 +34,11 @@ class PageResponse(HTMLResponse):
         super().init_headers({"Content-Security-Policy": POLICY, **(headers or {})})
 
 
-def problem_for_a_person(problem: ProblemResponse) -> Response:
-    """Return an error as a page; what its headers say is kept."""
+def problem_for_a_person(request: HTTPConnection, problem: ProblemResponse) -> Response:
+    """Return an error as a page; what its headers say is kept. Where keys are asked for, another one may open more."""
     kept = {name: value for name, value in problem.headers.items() if name not in ("content-type", "content-length")}
-    page = problem_page(problem.answer.title, problem.detail)
+    sign_in = None if request.app.state.authenticator.open else login_address(request)
+    page = problem_page(problem.answer.title, problem.detail, sign_in)
     return PageResponse(page, problem.status_code, {**kept, "Vary": "Accept"})
 
 

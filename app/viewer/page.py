@@ -39,7 +39,7 @@ RECORDED_SCRIPTS = (*SCRIPTS, "recorded.js")
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript"}
 STYLES_MARK, SCRIPTS_MARK = "<!-- styles -->", "<!-- scripts -->"
 NEXT_MARK, REFUSAL_MARK = "<!-- next -->", "<!-- refusal -->"
-TITLE_MARK, DETAIL_MARK = "<!-- title -->", "<!-- detail -->"
+TITLE_MARK, DETAIL_MARK, SIGN_IN_MARK = "<!-- title -->", "<!-- detail -->", "<!-- sign in -->"
 BY_KIND: Mapping[str, type[KindDescription]] = {"plate_lift": LiftDescription, "suction_tool": ToolDescription}
 
 
@@ -80,9 +80,16 @@ def login_page(wanted: str, refusal: str = "") -> str:
     return page.replace(NEXT_MARK, escape(wanted)).replace(REFUSAL_MARK, escape(refusal))
 
 
-def problem_page(title: str, detail: str) -> str:
-    """Return the page that tells a person what is wrong, and where to go from there."""
-    page = static_text("problem.html")
+def problem_page(title: str, detail: str, sign_in: str | None = None) -> str:
+    """Return the page that tells a person what is wrong, and where to go from there.
+
+    Args:
+        title: of what is wrong.
+        detail: a sentence about it.
+        sign_in: where another key can be shown; None: no keys are asked for.
+    """
+    way = "" if sign_in is None else f'<a href="{escape(sign_in)}">Sign in with another key</a>'
+    page = static_text("problem.html").replace(SIGN_IN_MARK, way)
     return page.replace(TITLE_MARK, escape(title)).replace(DETAIL_MARK, escape(detail))
 
 

@@ -178,6 +178,8 @@ class ShownPlan(PageAnswer):
 
     type = "plan"
     description: Any
+    study: str | None
+    """Of which it plans a point."""
 
 
 @dataclass(frozen=True)
@@ -417,7 +419,8 @@ async def _opened(
     try:
         if isinstance(request, OpenPlan):
             plan = await run_in_threadpool(servers.open, server, visible.plans, request.plan)
-            return ShownPlan(plan.model_dump(mode="json", by_alias=True))
+            study = (await run_in_threadpool(visible.plans.plan, request.plan)).study_id
+            return ShownPlan(plan.model_dump(mode="json", by_alias=True), study)
         scene = await run_in_threadpool(servers.open_perceived, server, visible.scenes, request.scene)
         return ShownScene(scene.model_dump(mode="json"))
     except (PlanNotFound, DocumentNotReady, SceneNotFound, CellNotDrawn, TooManyRequests) as error:

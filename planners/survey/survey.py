@@ -87,6 +87,8 @@ class SurveyFigures(StrictModel):
     """Suction tools that the cell brings beside the shipped ones."""
     margin: float = Clearance().margin
     """That planning keeps between bodies that have nothing to do with one another [m]."""
+    notes: tuple[str, ...] = ()
+    """What of the cell's files was taken otherwise than written, left out, or most likely was not meant."""
 
     @computed_field
     @property

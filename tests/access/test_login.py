@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -38,6 +40,20 @@ def test_the_cookie_opens_what_the_key_opens_and_no_more(service: GuardedService
         headers = {"Cookie": cookie}
         with connect(f"{service.address.replace('http', 'ws')}/viewer/watch", additional_headers=headers) as socket:
             assert '"scene"' in socket.recv(timeout=20)
+
+
+@pytest.mark.parametrize("address", ["/v1/audit", "/v1/plans/none/view", "/viewer/nothing"])
+def test_what_a_key_does_not_open_is_a_page_for_a_person_that_leads_to_where_another_is_shown(
+    service: GuardedService, address: str
+) -> None:
+    with logged_in(service) as client:
+        problem, page = client.get(address), client.get(address, headers=PAGE)
+        assert problem.headers["content-type"] == "application/problem+json"
+        assert page.headers["content-type"].startswith("text/html")
+        assert page.status_code == problem.status_code == (403 if address == "/v1/audit" else 404)
+        assert html.escape(problem.json()["detail"]) in page.text
+        (sign_in,) = re.findall(r'href="(/viewer/login[^"]*)"', page.text)
+        assert f'value="{address}"' in client.get(html.unescape(sign_in)).text
 
 
 def test_the_cookie_is_out_of_reach_of_scripts_and_other_sites_and_is_not_the_key(service: GuardedService) -> None:

@@ -75,7 +75,12 @@ def test_what_was_taken_otherwise_is_noted_for_whoever_asks_for_the_cell(client:
     noted = client.post("/v1/cells", content=zipped(files), headers=ZIP).json()
     assert [note.partition(":")[0] for note in noted["notes"]] == ["'as built.pdf' is left out"]
     assert client.get(noted["links"]["self"]).json()["notes"] == noted["notes"]
-    assert client.get("/v1/cells/dual_ur3e_lift").json()["notes"] is None
+    assert client.get(noted["links"]["survey"]).json()["notes"] == noted["notes"]
+    checked = client.post("/v1/surveys", content=zipped(files), headers=ZIP).json()
+    assert checked["notes"] == noted["notes"]
+    shipped = client.get("/v1/cells/dual_ur3e_lift").json()
+    assert shipped["notes"] is None
+    assert client.get(shipped["links"]["survey"]).json()["notes"] == []
 
 
 def test_a_cell_is_listed_with_the_shipped_ones_and_its_files_come_back(client: httpx.Client) -> None:

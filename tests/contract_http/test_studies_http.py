@@ -83,6 +83,7 @@ def test_the_best_point_is_planned_with_its_values(client: httpx.Client) -> None
     assert planned["cup"]["position"] == [0.1, 0]
     asked = client.post(f"{study['links']['points']}/13/plan")
     assert (asked.status_code, asked.json()["id"]) == (200, plan["id"])
+    assert plan["study_id"] == study["id"]
 
 
 @pytest.mark.slow
@@ -134,7 +135,8 @@ def test_a_study_is_deleted_once_it_has_ended(client: httpx.Client) -> None:
     assert client.delete(study["links"]["self"]).status_code == 204
     for link in ("self", "map", "picture", "events"):
         assert client.get(study["links"][link]).status_code == 404
-    assert client.get(study["best_plan"]).status_code == 200
+    kept = client.get(study["best_plan"])
+    assert (kept.status_code, kept.json()["study_id"]) == (200, None)
 
 
 @pytest.mark.slow

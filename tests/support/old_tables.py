@@ -19,6 +19,8 @@ NEWER = (
     "DROP INDEX liftwright_plans_in_cell",
     "ALTER TABLE liftwright_plans DROP COLUMN cell",
     "DROP TABLE liftwright_cells",
+    "DROP INDEX liftwright_plans_of_study",
+    "ALTER TABLE liftwright_plans DROP COLUMN study_id",
     "ALTER TABLE liftwright_documents DROP COLUMN certified_us",
     "ALTER TABLE liftwright_documents DROP COLUMN awaits_simulation",
     "DROP TABLE liftwright_totals",

@@ -50,6 +50,16 @@ def test_a_cell_is_added_from_a_file_and_looked_at(page: Page, tmp_path: Path) -
     assert "cell=" in page.url
 
 
+def test_what_was_noticed_in_its_files_is_told_beside_a_cell(page: Page, tmp_path: Path) -> None:
+    expect(page.locator("#noted")).to_be_hidden()
+    file = tmp_path / "noted.zip"
+    file.write_bytes(zipped({"cell.yaml": written(station(name="noted")), "as built.pdf": b""}))
+    page.locator("#file").set_input_files(file)
+    expect(page.locator("#notes li")).to_contain_text(["'as built.pdf' is left out"])
+    page.locator("#cells button").first.click()
+    expect(page.locator("#noted")).to_be_hidden()
+
+
 def test_a_list_that_was_asked_for_before_a_cell_was_added_and_comes_later_hides_it_not(
     page: Page, service: ServiceProcess, tmp_path: Path
 ) -> None:

@@ -10,7 +10,7 @@ import pytest
 import viser
 from support.service import task
 
-from app.viewer.drawing.cup_map import LIFTED, CupMap, cup_places, is_of_study
+from app.viewer.drawing.cup_map import LIFTED, MOST_PIXELS, CupMap, cup_places, is_of_study, picture_of_tiles
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
 from planners.study.study import Study
@@ -46,6 +46,28 @@ def test_every_tile_is_centred_where_its_point_has_the_cup(axes: tuple[dict[str,
             assert places.at(np.array(cup)) == index
     finally:
         server.stop()
+
+
+@pytest.mark.parametrize("axes", [(X, Y), (Y, X), (X,), ({**X, "count": 300}, Y)])
+def test_the_picture_has_the_colour_of_a_point_on_its_tile_and_nothing_between_tiles(
+    axes: tuple[dict[str, Any], ...],
+) -> None:
+    places = cup_places(studied(*axes)[1])
+    assert places is not None
+    numbers = np.arange(len(places.centers))
+    light = np.column_stack([numbers % 251, numbers // 251, np.full(len(numbers), 7)]).astype(np.uint8)
+    pixels, corner, size = picture_of_tiles(places.centers, places.step, light)
+
+    def at(spots: np.ndarray) -> np.ndarray:
+        column, row = ((spots - corner) / size * pixels.shape[1::-1]).astype(int).T
+        return pixels[row, column]
+
+    for inside in (0.0, 0.42, -0.42):
+        assert np.array_equal(at(places.centers + inside * places.step)[:, :3], light)
+        assert (at(places.centers + inside * places.step)[:, 3] == 255).all()
+    # Of so many that their pixels have to be coarser, gaps may be too small to be seen.
+    if max(pixels.shape) < MOST_PIXELS:
+        assert (at(places.centers + 0.48 * places.step)[:, 3] == 0).all()
 
 
 def test_a_ray_onto_a_tile_chooses_its_point_wherever_the_plate_is() -> None:

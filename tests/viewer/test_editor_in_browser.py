@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator
@@ -31,6 +33,18 @@ UNDER_THE_POINTER = 0.006
 """What is dragged stays so near to where it was grabbed: a pixel is 2 mm, and what is at rest is at whole ones [m]."""
 UNNAMED = None
 """The `external_id` of a task that is made here: whoever made it has not named it."""
+OWN_TOOL = {
+    "shapes": [
+        {"shape": {"type": "cylinder", "radius": 0.0175, "height": 0.06}, "pose": [0, 0, 0.03, 1, 0, 0, 0]},
+        {"shape": {"type": "box", "size": [0.018, 0.018, 0.19]}, "pose": [0, 0, 0.155, 1, 0, 0, 0]},
+    ],
+    "mass": 0.25,
+    "cup": {"radius": 0.0175, "max_force": 20},
+}
+FOR_PROGRAMS = (
+    r"/kind|/scene_id|/tool/shapes/.*|/options/(search|grips|pushes)|/support|/obstacles|/tool_pose|.*/upload"
+)
+"""What nobody types: it comes as a task begins, is a list of places that a program knows, or is added as a whole."""
 
 pytestmark = needs_browser
 
@@ -392,6 +406,49 @@ def test_every_input_has_a_name_and_every_thing_has_fields(page: Page) -> None:
         )
         assert nameless == []
         assert page.locator("#thing-fields input, #thing-fields select").count() > 0
+
+
+@pytest.mark.parametrize("name", ["pb1", "can_stack", "a tool of its own"])
+def test_every_member_of_an_accepted_task_has_a_field_unless_only_programs_write_it(page: Page, name: str) -> None:
+    body = {**task("can_stack.json" if name == "a tool of its own" else f"{name}.json"), "friction": {"eps": 0.01}}
+    if name == "a tool of its own":
+        body["tool"] = OWN_TOOL
+    page.evaluate(f"editor.begin({json.dumps(body)})")
+    page.evaluate("document.getElementById('task-details').open = true")
+    page.wait_for_function("editor.accepted?.friction.eps === 0.01")
+    fields = set[str]()
+    for pointer in page.evaluate("editor.things.map(({ pointer }) => pointer)"):
+        page.locator(f"#things [data-pointer='{pointer}']").click()
+        fields |= set(
+            page.evaluate("[...document.querySelectorAll('#fields .error')].map(({ dataset }) => dataset.pointer)")
+        )
+    members = page.evaluate("editor.accepted")
+    without = [each for each in leaves(members) if not any(f"{each}/".startswith(f"{field}/") for field in fields)]
+    assert [each for each in without if not re.fullmatch(FOR_PROGRAMS, each)] == []
+
+
+def leaves(value: Any, pointer: str = "") -> Iterator[str]:
+    """Yield pointers of all members that are no object with members and no list with items."""
+    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    inner = [leaf for name, each in items for leaf in leaves(each, f"{pointer}/{name}")]
+    yield from inner or [pointer]
+
+
+def test_a_centre_of_mass_and_joints_at_the_beginning_are_typed_and_left_to_the_service_again(page: Page) -> None:
+    page.evaluate("document.getElementById('task-details').open = true")
+    page.locator("#things [data-pointer='/plate_pose']").click()
+    page.locator("#field-plate-com-1").fill("4")
+    joints = page.locator("#field-start_positions")
+    joints.fill("90 -90 0 0 0 0\n180 0 0 0 0 -45")
+    joints.blur()
+    made = draft(page)
+    assert made["plate"]["com"] == [0, 0.004, 0]
+    half_turn = [math.radians(each) for each in (90, -90, 0, 0, 0, 0, 180, 0, 0, 0, 0, -45)]
+    assert made["start_positions"] == pytest.approx(half_turn)
+    page.locator("#field-plate-com-1").fill("")
+    joints.fill("")
+    assert draft(page).keys() & {"start_positions"} == set()
+    assert "com" not in draft(page)["plate"]
 
 
 @pytest.mark.slow

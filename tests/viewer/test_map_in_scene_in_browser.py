@@ -1,7 +1,8 @@
-"""The map of a study on the plate, in a real browser: a click on a tile opens the plan of its point."""
+"""The map of a study on the plate, in a real browser, in the colours of its scale: a click on a tile opens its plan."""
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from collections.abc import Iterator
@@ -10,12 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 from support.browser import flawless_page, needs_browser, running_browser
 from support.plan_shelf import PlanShelf
 from support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
 from support.service import FAKE_EXAMINER, ServiceProcess, finished, running_service, task
 
+from app.pictures.study_picture import FULL_RESERVE
 from app.viewer.drawing.camera import FIELD_OF_VIEW
 from planners.geometry.pose import Array, from_pose7
 
@@ -29,6 +32,8 @@ AXES = [
 FROM_ABOVE = "(camera && Math.hypot(camera[0] - camera[3], camera[1] - camera[4]) < camera[2] - camera[5])"
 SHOWN = 3
 """Point of the study: the cup of pb1 itself."""
+SAME_COLOUR = 12
+"""Of 255: a step of the scale's gradient beside the other."""
 
 
 @pytest.fixture(scope="module")
@@ -69,6 +74,15 @@ def cup_in_world(plan: dict[str, Any]) -> Array:
     return (from_pose7(plan["plate_pose"]) @ [*plan["cup"]["position"], 0.5 * plate[2], 1.0])[:3]
 
 
+def look_from_above(page: Page) -> None:
+    """Have the scene be seen from above, and wait until it is and the page knows from where."""
+    aside = settled(page)
+    page.evaluate("connection.look('top')")
+    wait_until_it_differs(page, aside)
+    # What the browser tells of its camera may be from before it was moved.
+    page.wait_for_function(f"connection.askCamera() || {FROM_ABOVE}", polling=500)
+
+
 def test_a_click_on_a_tile_opens_the_plan_of_its_point(page: Page, service: ServiceProcess) -> None:
     with service.client() as client:
         study = client.post("/v1/studies", json={"task": TASK, "axes": AXES}).json()
@@ -76,12 +90,8 @@ def test_a_click_on_a_tile_opens_the_plan_of_its_point(page: Page, service: Serv
         shown = finished(client, client.post(f"{study['links']['points']}/{SHOWN}/plan").json())
     page.goto(f"/viewer/?plan={shown['id']}&study={study['id']}")
     expect(page.locator("#study-told")).to_contain_text("3 of 4 cup places are solved")
-    aside = settled(page)
-    page.evaluate("connection.look('top')")
-    wait_until_it_differs(page, aside)
+    look_from_above(page)
     painted = settled(page)
-    # What the browser tells of its camera may be from before it was moved.
-    page.wait_for_function(f"connection.askCamera() || {FROM_ABOVE}", polling=500)
 
     # The switch of the layer hides the tiles and shows them again.
     page.keyboard.press("m")
@@ -98,3 +108,35 @@ def test_a_click_on_a_tile_opens_the_plan_of_its_point(page: Page, service: Serv
         page.wait_for_function(f"player.description?.id === '{plan[1]}'")
         assert client.get(f"/v1/plans/{plan[1]}/document").json()["task"]["cup"]["position"] == cup["position"]
     expect(page.locator("#study-told")).to_contain_text("3 of 4 cup places are solved")
+
+
+def test_a_plan_of_a_point_has_its_studys_map_in_the_colours_of_the_scale_however_it_is_opened(
+    page: Page, service: ServiceProcess
+) -> None:
+    with service.client() as client:
+        study = client.post("/v1/studies", json={"task": {**TASK, "external_id": "bright"}, "axes": AXES}).json()
+        known = client.get(finished(client, study)["links"]["map"]).json()["points"]
+        posted = client.post(f"{study['links']['points']}/{SHOWN}/plan").json()
+        assert finished(client, posted)["study_id"] == study["id"]
+        other = finished(client, client.post("/v1/plans", json=TASK).json())
+    page.goto("/viewer/")
+    page.locator(f"[data-plan='{posted['id']}']").click()
+    expect(page.locator("#study-told")).to_contain_text("3 of 4 cup places are solved")
+    assert f"study={study['id']}" in page.url
+
+    look_from_above(page)
+    settled(page)
+    seen = np.asarray(Image.open(io.BytesIO(page.screenshot(scale="css"))).convert("RGB"), dtype=int)
+    scale: Any = page.locator(".map-scale").bounding_box()
+    # The first point's tile is seen whole: no arm is over it.
+    place = [AXES[axis]["values"][at] for axis, at in enumerate(known[0]["at"])]
+    column, row = on_screen(page, cup_in_world({**TASK, "cup": {"position": place}}))
+    along = scale["x"] + known[0]["reserve"] / FULL_RESERVE * scale["width"]
+    wanted = seen[round(scale["y"] + 0.5 * scale["height"]), round(along)]
+    assert np.abs(seen[round(row), round(column)] - wanted).max() <= SAME_COLOUR
+
+    # What is no point of it has no map.
+    page.locator(f"[data-plan='{other['id']}']").click()
+    page.wait_for_function(f"player.description?.id === '{other['id']}'")
+    expect(page.locator("#study-told")).to_have_count(0)
+    assert "study=" not in page.url

@@ -6,10 +6,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import viser
 from support.documents import plan_of
+from support.scaled_cell import scaled_cell
 
 from app.viewer.drawing.link_meshes import FULL, LIGHT, LinkMeshes
+from app.viewer.drawing.plan_scene import NAME_GAP
 from app.viewer.playback import Playback
 from app.viewer.scene_servers import SceneServer
 from planners.cell.cell import Cell
@@ -68,3 +72,22 @@ def test_another_detail_draws_the_robots_anew(
         server.open(Playback(plan_of(document)), cell, meshes)
         assert meshes.taken > taken
     assert not before & names(server)
+
+
+@pytest.mark.slow
+def test_arrows_frames_and_the_distance_of_names_are_as_large_as_the_cell(
+    server: SceneServer, meshes: CountedMeshes, document: dict[str, Any], cell: Cell, tmp_path: Path
+) -> None:
+    sizes, names_at = list[list[float]](), list[list[float]]()
+    for each in (cell, scaled_cell(cell.name, 2.0, tmp_path)):
+        server.open(Playback(plan_of(document)), each, meshes)
+        nodes = server._server.scene._handle_from_node_name
+        drawn = [handle for name, handle in nodes.items() if name.startswith(("/stage", "/opened"))]
+        axes = [handle.axes_length for handle in drawn if isinstance(handle, viser.FrameHandle) and handle.show_axes]
+        heads = [handle.head_length for handle in drawn if isinstance(handle, viser.ArrowsHandle)]
+        assert axes
+        assert heads
+        sizes.append([*axes, *heads])
+        names_at.append([handle.position[2] for handle in drawn if isinstance(handle, viser.LabelHandle)])
+    assert np.allclose(2.0 * np.array(sizes[0]), sizes[1])
+    assert np.allclose(np.array(names_at[0]) + NAME_GAP, names_at[1])

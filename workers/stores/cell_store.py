@@ -61,8 +61,6 @@ class StoredCell:
 class _KeptBeside(BaseModel):
     """What is kept beside a cell's figures."""
 
-    notes: tuple[str, ...] = ()
-    """What was taken otherwise than written, or most likely was not meant."""
     limits: CellLimits | None = None
     """None: the cell was posted to a version that did not keep them."""
 
@@ -72,8 +70,8 @@ class CellFindings(SurveyFigures, _KeptBeside):
 
     @classmethod
     def of(cls, figures: SurveyFigures, notes: Iterable[str], limits: CellLimits) -> Self:
-        """Put them together; the arguments are as `_KeptBeside` says."""
-        return cls(**dict(figures), notes=tuple(notes), limits=limits)
+        """Put figures together with the notes of the reading, and with what tasks must keep within."""
+        return cls(**{**dict(figures), "notes": tuple(notes)}, limits=limits)
 
 
 _COLUMNS: list[sa.ColumnElement[Any]] = [column for column in CELLS.c if column.name not in ("zip", "figures")]

@@ -89,6 +89,8 @@ class PlanRecord:
     end_us: int | None
     certified_us: int | None = None
     """When its document was first stored, of a solved plan; None of those that earlier software has stored."""
+    study_id: str | None = None
+    """Of the study of which it plans a point, as long as that is kept."""
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,8 @@ class Submission:
         idempotency_key: str | None = None,
         sent_fingerprint: str | None = None,
         audit: Callable[[str], AuditRow] | None = None,
+        *,
+        study_id: str | None = None,
     ) -> Self:
         """Put together what is stored of a task; `audit` makes the row of the audit log, given the plan's id."""
         plan_id, now = uuid.uuid4().hex, now_us()
@@ -203,6 +207,7 @@ class Submission:
             "priority": order.priority,
             "start_us": order.start_us,
             "end_us": order.end_us,
+            "study_id": study_id,
         }
         row = {
             **shared,

@@ -18,7 +18,7 @@ from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue, NewJob
 from workers.stores.jobs import Job
 from workers.stores.plan_store import Accepted, PlanRecord, PlanStore, Submission, stored_key
-from workers.stores.tables import STUDIES, STUDY_POINTS, Position, newest_first, now_us
+from workers.stores.tables import PLANS, STUDIES, STUDY_POINTS, Position, newest_first, now_us
 from workers.stores.totals import STUDY_POINT, add_to_total
 
 POINTS_PER_PART = 12
@@ -178,7 +178,7 @@ class StudyStore:
     def submission(self, record: StudyRecord, study: Study, index: int) -> Submission:
         """Return the task of a point as it is submitted for a plan of the study's owner; once accepted it is found."""
         task = write_task(read_task(study.document_at(index)))
-        return Submission.of(task, record.owner, idempotency_key=point_key(record.id, index))
+        return Submission.of(task, record.owner, idempotency_key=point_key(record.id, index), study_id=record.id)
 
     def plan_best(self, record: StudyRecord, study: Study, index: int) -> None:
         """Accept the task of the best point as a plan, and keep which it is; both happen once only.
@@ -235,6 +235,7 @@ class StudyStore:
         with self._database.engine.begin() as transaction:
             transaction.execute(sa.delete(STUDIES).where(STUDIES.c.id == study_id))
             transaction.execute(sa.delete(STUDY_POINTS).where(STUDY_POINTS.c.study_id == study_id))
+            transaction.execute(sa.update(PLANS).where(PLANS.c.study_id == study_id).values(study_id=None))
         self._queue.forget(study_id)
 
     def _one(self, query: sa.Select[Any]) -> StudyRecord | None:

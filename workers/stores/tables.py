@@ -74,6 +74,7 @@ PLANS = sa.Table(
     sa.Column("start_us", sa.BigInteger),
     sa.Column("end_us", sa.BigInteger),
     sa.Column("cell", StoredText(64)),
+    sa.Column("study_id", StoredText(64)),
     sa.Index("liftwright_plans_newest", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_owner", "owner", "created_us", "id"),
     sa.Index("liftwright_plans_newest_of_kind", "kind", "created_us", "id"),
@@ -81,6 +82,7 @@ PLANS = sa.Table(
     sa.Index("liftwright_plans_external_id", "external_id", "created_us"),
     sa.Index("liftwright_plans_of_scene", "scene_id"),
     sa.Index("liftwright_plans_in_cell", "cell"),
+    sa.Index("liftwright_plans_of_study", "study_id"),
 )
 
 EVENTS = sa.Table(

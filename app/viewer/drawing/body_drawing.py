@@ -35,6 +35,8 @@ OUTLINED = ("plate", "object", "support", "obstacle", "table")
 """Roles whose edges are drawn."""
 TRANSLUCENT = {"plate": 0.8, "object": 0.85}
 """Opacity of roles through which the forces inside must be seen."""
+TCP_AXES = 0.07
+"""Length of the axes of a hand's frame, in a cell of size 1 [m]."""
 LIP_HEIGHT = 0.009
 """Of the cup at the end of a tool [m]."""
 CUP_PROFILE = np.array(
@@ -297,7 +299,9 @@ class RobotDrawing:
 
     def __init__(self, scene: SceneApi, cell: Cell, meshes: LinkMeshes, root: str, detail: Detail) -> None:
         drawn = Drawings(meshes, cell.shelf, detail)
-        self.arms = {name: ArmDrawing(scene, arm, drawn, f"{root}/{name}") for name, arm in cell.arms.items()}
+        self.arms = {
+            name: ArmDrawing(scene, arm, drawn, f"{root}/{name}", cell.size) for name, arm in cell.arms.items()
+        }
 
     def pose(self, positions: Array, widths: Mapping[str, float]) -> None:
         """Show joint positions (12,) [rad] and gripper openings by arm [m]."""
@@ -313,7 +317,7 @@ class RobotDrawing:
 class ArmDrawing:
     """One arm with its hand: a chain of frames, of which only the turning ones ever change."""
 
-    def __init__(self, scene: SceneApi, arm: Arm, drawings: Drawings, root: str) -> None:
+    def __init__(self, scene: SceneApi, arm: Arm, drawings: Drawings, root: str, cell_size: float = 1.0) -> None:
         self._arm = arm
         self._positions = np.full(6, np.nan)
         self._joints: list[FrameHandle] = []
@@ -328,7 +332,7 @@ class ArmDrawing:
             add_frame(scene, parent, transform(rotation_x(alpha), [a, 0.0, d]))
             scene.add_glb(f"{parent}/link_{index}", drawings.link(links[index], arm.robot.reach))
         self._hand = _draw_hand(scene, arm, drawings, parent)
-        self.tcp = add_frame(scene, f"{parent}/tcp", np.eye(4), axes_length=0.07)
+        self.tcp = add_frame(scene, f"{parent}/tcp", np.eye(4), axes_length=cell_size * TCP_AXES)
         self.tcp.visible = False
         self._set_width(None)
 

@@ -15,8 +15,8 @@ from planners.plan.considered import Considered, RegraspGraph, RegraspLayer
 
 DRAWN_LAYER = "suction"
 """The layer whose grasps are drawn and counted: the tool on the object at its start."""
-PIN = 0.012
-"""Length of a pin on an object's surface [m]."""
+PIN, HEAD = 0.012, 0.004
+"""Length of a pin on an object's surface, and size of its head, in a cell of size 1 [m]."""
 FORK = np.array(
     [
         [[0.0, -1.0, 0.0], [0.0, -1.0, -0.022]],
@@ -25,7 +25,7 @@ FORK = np.array(
         [[0.0, 0.0, -0.022], [0.0, 0.0, -0.05]],
     ]
 )
-"""A hand as four lines in the TCP frame: x and z in metres, y in halves of its opening."""
+"""A hand as four lines in the TCP frame: x and z in metres, in a cell of size 1; y in halves of its opening."""
 THIN, THICK = 1.2, 2.6
 """Lines of what fell and of what is possible [pixels]."""
 
@@ -76,22 +76,26 @@ def asked_grasps(considered: Considered, name: str) -> Iterator[AskedGrasp]:
     yield from (AskedGrasp(node % count, None) for node in layer.possible)
 
 
-def draw_places(scene: SceneApi, node: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
+def draw_places(
+    scene: SceneApi, node: str, considered: Considered, name: str, cell_size: float
+) -> list[SceneNodeHandle]:
     """Pin the places of the cup that were considered to an object, below a node that has its frame."""
     places = considered.places.get(name, ())
     if not places:
         return []
     colours = _colours(considered, [place.reason for place in places])
     points = np.array([place.point for place in places])
-    tips = points + PIN * np.array([place.normal for place in places])
+    tips = points + cell_size * PIN * np.array([place.normal for place in places])
     pins = scene.add_line_segments(
         f"{node}/pins", np.stack([points, tips], axis=1), _ends(colours), thickness=2.0, thickness_units="screen"
     )
-    heads = scene.add_point_cloud(f"{node}/heads", tips, colours, point_size=0.004, point_shape="circle")
+    heads = scene.add_point_cloud(f"{node}/heads", tips, colours, point_size=cell_size * HEAD, point_shape="circle")
     return [pins, heads]
 
 
-def draw_grasps(scene: SceneApi, node: str, considered: Considered, name: str) -> list[SceneNodeHandle]:
+def draw_grasps(
+    scene: SceneApi, node: str, considered: Considered, name: str, cell_size: float
+) -> list[SceneNodeHandle]:
     """Draw the grasps that were asked for with the tool on an object at its start, below a node at the origin."""
     layer = _layer(considered, name)
     if layer is None:
@@ -106,7 +110,7 @@ def draw_grasps(scene: SceneApi, node: str, considered: Considered, name: str) -
             handles.append(
                 scene.add_line_segments(
                     f"{node}/{'possible' if good else 'rejected'}",
-                    np.concatenate([_fork(considered, T_world_tool, each.grasp) for each in drawn]),
+                    np.concatenate([_fork(considered, T_world_tool, each.grasp, cell_size) for each in drawn]),
                     _ends(np.repeat(colours, len(FORK), axis=0)),
                     thickness=thickness,
                     thickness_units="screen",
@@ -115,10 +119,10 @@ def draw_grasps(scene: SceneApi, node: str, considered: Considered, name: str) -
     return handles
 
 
-def _fork(considered: Considered, T_world_tool: Transform, grasp: int) -> Array:
+def _fork(considered: Considered, T_world_tool: Transform, grasp: int, cell_size: float) -> Array:
     grasps = considered.tool_grasps
     T = T_world_tool @ from_pose7(grasps.poses[grasp])
-    lines = FORK * (1.0, 0.5 * grasps.widths[grasp], 1.0)
+    lines = FORK * (cell_size, 0.5 * grasps.widths[grasp], cell_size)
     return lines @ T[:3, :3].T + T[:3, 3]
 
 

@@ -21,7 +21,7 @@ LEAST_FORCE = 0.05
 LEAST_TOLD_FORCE = 0.5
 """The size of smaller ones is not written beside them [N]."""
 CONE_HEIGHT = 0.06
-"""[m]"""
+"""In a cell of size 1 [m]."""
 ARROW_MEANINGS = ("left", "right", "environment", "suction")
 WITH_FRICTION_CONE = frozenset({"soft_finger", "point", "environment"})
 """Kinds of contacts."""
@@ -33,6 +33,7 @@ class ContactDrawing:
     def __init__(self, scene: SceneApi, root: str, cell: Cell, metres_per_newton: float) -> None:
         """Draw nothing yet, under a node that is named `root`, in a cell, with arrows of a length for each newton."""
         self._scene, self._arms, self._metres_per_newton = scene, frozenset(cell.arms), metres_per_newton
+        self._size = cell.size
         self.arrows, self.newtons, self.cones = (f"{root}/{part}" for part in ("arrows", "newtons", "cones"))
         """Names of the nodes that all of a kind are below."""
         for part in (self.arrows, self.newtons, self.cones):
@@ -102,14 +103,15 @@ class ContactDrawing:
             f"{self.arrows}/{meaning}",
             np.zeros((1, 2, 3), dtype=np.float32),
             linear_rgb(meaning),
-            shaft_radius=0.55 * self._metres_per_newton,
-            head_radius=1.4 * self._metres_per_newton,
-            head_length=3.0 * self._metres_per_newton,
+            # How long a newton is drawn is told; how thick, nobody reads.
+            shaft_radius=0.55 * self._size * self._metres_per_newton,
+            head_radius=1.4 * self._size * self._metres_per_newton,
+            head_length=3.0 * self._size * self._metres_per_newton,
             visible=False,
         )
 
     def _add_cone(self, meaning: str, mu: float, number: int) -> SceneNodeHandle:
-        vertices, faces = _cone(mu)
+        vertices, faces = _cone(mu, self._size * CONE_HEIGHT)
         return self._scene.add_mesh_simple(
             f"{self.cones}/{meaning}_{mu:g}_{number}".replace(".", "p"),
             vertices,
@@ -160,10 +162,10 @@ def _cone_pose(force: ContactForce, *, outside: bool) -> Transform:
     return transform(frame_from_z(axis, hint), force.point)
 
 
-def _cone(mu: float, sides: int = 28) -> tuple[Array, np.ndarray]:
-    """Return a friction cone about +z with its tip in the origin."""
+def _cone(mu: float, height: float, sides: int = 28) -> tuple[Array, np.ndarray]:
+    """Return a friction cone about +z with its tip in the origin, so high [m]."""
     angles = 2.0 * np.pi * np.arange(sides) / sides
-    rim = CONE_HEIGHT * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(sides)])
+    rim = height * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(sides)])
     index = np.arange(sides)
     faces = np.column_stack([np.zeros(sides, dtype=int), 1 + (index + 1) % sides, 1 + index])
     return np.vstack([np.zeros((1, 3)), rim]), faces

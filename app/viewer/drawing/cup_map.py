@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from viser import BatchedMeshHandle, SceneApi, SceneNodeHandle, SceneNodePointerEvent
+from viser import BatchedMeshHandle, ImageHandle, SceneApi, SceneNodeHandle, SceneNodePointerEvent
 
 from app.pictures.study_picture import colour_of
 from planners.contract.task_spec import LifterCup, PlateLiftTask
@@ -18,10 +18,12 @@ CUP_AXES = ("/cup/position/0", "/cup/position/1")
 """Pointers of what a map on a plate varies."""
 SAME_PLACE = 1e-6
 """A cup that is no farther from a point stands there [m]."""
-LIFTED, MARK_LIFTED = 0.0015, 0.0022
-"""Of tiles and of their marks above the top face [m]."""
+LIFTED, SHOWN_LIFTED, MARK_LIFTED = 0.0015, 0.0018, 0.0022
+"""Of tiles, of what shows their colours and of their marks above the top face [m]."""
 COVERED = 0.92
 """Of its step, by a tile's side [1]."""
+TILE_PIXELS, MOST_PIXELS = 25, 4096
+"""Of the picture of the tiles: along one step, of which `COVERED` are whole pixels, and at most along a side [1]."""
 UNSOLVED, MARK, CURRENT = (216, 216, 216), (40, 40, 40), (214, 38, 120)
 TILE = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]])
 RISING = ((-0.25, 0.25), (0.25, -0.25))
@@ -127,9 +129,11 @@ class CupMap:
         self._places, self._known = places, [point.index for point in study.points]
         self._handles = []
         if study.points:
-            tiles = self._add_tiles(f"{node}/tiles", study.points, places)
+            centers = places.centers[self._known]
+            colours = np.array([_colour_of_point(point) for point in study.points], dtype=np.uint8)
+            tiles = self._add_tiles(f"{node}/tiles", centers, places.step, colours)
             tiles.on_click(self._clicked)
-            self._handles.append(tiles)
+            self._handles += [tiles, self._add_picture(f"{node}/picture", centers, places.step, colours)]
         strokes = [
             places.centers[point.index] + np.array(stroke) * places.step
             for point in study.points
@@ -147,22 +151,37 @@ class CupMap:
         for handle in self._handles:
             handle.visible = visible
 
-    def _add_tiles(self, name: str, points: Sequence[StudyPoint], places: CupPlaces) -> BatchedMeshHandle:
-        centers = places.centers[[point.index for point in points]]
+    def _add_tiles(self, name: str, centers: Array, step: Array, colours: np.ndarray) -> BatchedMeshHandle:
+        """Add what is clicked on: each tile by itself, so that the one below the pointer is outlined."""
         return self._scene.add_batched_meshes_simple(
             name,
             TILE,
             np.array([[0, 1, 2], [0, 2, 3]]),
-            batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(points), 1)),
+            batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (len(centers), 1)),
             batched_positions=self._on_top(centers, LIFTED),
-            batched_scales=np.tile([*(COVERED * places.step), 1.0], (len(points), 1)),
-            batched_colors=np.round(255 * _light([_colour_of_point(point) for point in points])).astype(np.uint8),
-            # Without gloss, which would hide the colours.
+            batched_scales=np.tile([*(COVERED * step), 1.0], (len(centers), 1)),
+            batched_colors=np.round(255 * _light(colours)).astype(np.uint8),
             material="toon3",
             lod="off",
             side="double",
             cast_shadow=False,
             receive_shadow=False,
+        )
+
+    def _add_picture(self, name: str, centers: Array, step: Array, colours: np.ndarray) -> ImageHandle:
+        """Add what is seen: the colours of the scale, whatever light falls on the plate.
+
+        viser lights all meshes, and maps their tones; pictures it shows as they are.
+        """
+        pixels, corner, size = picture_of_tiles(centers, step, colours)
+        return self._scene.add_image(
+            name,
+            pixels,
+            *size,
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+            position=(*(corner + 0.5 * size), self._top + SHOWN_LIFTED),
         )
 
     def _add_lines(self, name: str, strokes: Sequence[Array], colour: tuple[int, int, int], thickness: float) -> None:
@@ -189,9 +208,24 @@ class CupMap:
             self._told(point)
 
 
-def _light(colours: Sequence[tuple[int, int, int]]) -> Array:
+def picture_of_tiles(centers: Array, step: Array, colours: np.ndarray) -> tuple[np.ndarray, Array, Array]:
+    """Return a picture (rows along y, columns along x, RGBA) of tiles, its first corner (2,) and its size (2,) [m]."""
+    corner, reach = centers.min(axis=0) - 0.5 * step, np.ptp(centers, axis=0) + step
+    pixel = np.maximum(step / TILE_PIXELS, reach / MOST_PIXELS)
+    counts = np.rint(reach / pixel).astype(int)
+    pixels = np.zeros((counts[1], counts[0], 4), dtype=np.uint8)
+    # Between tiles there is nothing, in the colour of the nearest one: where a browser mixes pixels, it mixes that in.
+    for side in (1.0, COVERED):
+        lows = np.rint((centers - corner - 0.5 * side * step) / pixel).astype(int)
+        highs = np.maximum(lows + 1, np.rint((centers - corner + 0.5 * side * step) / pixel).astype(int))
+        for (left, first), (right, last), colour in zip(lows, highs, colours, strict=True):
+            pixels[first:last, left:right] = (*colour, 255 if side == COVERED else 0)
+    return pixels, corner, counts * pixel
+
+
+def _light(colours: np.ndarray) -> Array:
     """Return the light (n, 3) of sRGB colours [1] (IEC 61966-2-1): viser takes colours of batched meshes so."""
-    coded = np.array(colours) / 255
+    coded = colours / 255
     return np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
 
 

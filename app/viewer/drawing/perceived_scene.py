@@ -18,15 +18,15 @@ LAYERS = ("points", "around", "models", "names", "tool", "robot")
 """What can be shown or hidden; all of it is shown at first."""
 MODEL_OPACITY, LOST_OPACITY = 0.36, 0.25
 POINT_SIZE, SMALL_POINT_SIZE = 0.0030, 0.0018
-"""Of an object's points, and of all others [m]."""
+"""Of an object's points, and of all others, in a cell of size 1 [m]."""
 AROUND_COLOUR = (150, 164, 180)
 """Of points that speak for no object."""
 LIFTED = 0.0006
 """Points are drawn so far up, or the faces of the models they lie in would swallow half of them [m]."""
 AXES_LENGTH = 0.09
-"""Of the tool's frame [m]."""
+"""Of the tool's frame, in a cell of size 1 [m]."""
 NAME_GAP = 0.025
-"""Between an object and its name [m]."""
+"""Between an object and its name, in a cell of size 1 [m]."""
 SURE = 2.0
 """± is so many uncertainties of the document: 19 of 20 errors are smaller [1]."""
 
@@ -46,7 +46,7 @@ class SceneDrawing:
             points: what was measured; None: nothing was, or it was not kept.
         """
         scene, cell = stage.scene, stage.cell
-        self._scene, self._root, self._stage = scene, root, stage
+        self._scene, self._root, self._stage, self._size = scene, root, stage, cell.size
         stage.set_up()
         for name, body in cell.body_documents().items():
             draw_body(scene, f"{root}/bodies/{name}", body.role, body.shape, body.pose)
@@ -79,7 +79,7 @@ class SceneDrawing:
             f"{self._root}/points/{'around' if nobodys else owner}",
             mine.astype(np.float32),
             AROUND_COLOUR if nobodys else vivid_tint(owner),
-            point_size=SMALL_POINT_SIZE if nobodys else POINT_SIZE,
+            point_size=self._size * (SMALL_POINT_SIZE if nobodys else POINT_SIZE),
             point_shape="circle",
             point_shading="flat",
             precision="float32",
@@ -103,7 +103,7 @@ class SceneDrawing:
         return self._scene.add_label(
             f"{self._root}/names/{part.name}",
             f"{part.name}   {size_words(part)}",
-            position=(x, y, z + 0.5 * size_of(part)[2] + NAME_GAP),
+            position=(x, y, z + 0.5 * size_of(part)[2] + self._size * NAME_GAP),
             font_screen_scale=0.95,
             anchor="bottom-center",
         )
@@ -111,12 +111,13 @@ class SceneDrawing:
     def _add_tool(self, tool: SeenToolPart) -> SceneNodeHandle:
         name = f"{self._root}/tool"
         drawn = draw_body(self._scene, name, "tool", load_tool(tool.name).body.shape, tool.pose)
-        add_frame(self._scene, f"{name}/frame", np.eye(4), axes_length=AXES_LENGTH)
+        add_frame(self._scene, f"{name}/frame", np.eye(4), axes_length=self._size * AXES_LENGTH)
         T_tool_world = np.linalg.inv(from_pose7(tool.pose))
+        above = np.add(tool.markers_at, (0.0, 0.0, self._size * NAME_GAP))
         self._scene.add_label(
             f"{name}/name",
             tool.name,
-            position=T_tool_world[:3, :3] @ np.array(tool.markers_at) + T_tool_world[:3, 3] + (0.0, 0.0, NAME_GAP),
+            position=T_tool_world[:3, :3] @ above + T_tool_world[:3, 3],
             font_screen_scale=0.95,
             anchor="bottom-center",
         )

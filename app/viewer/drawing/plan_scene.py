@@ -28,8 +28,8 @@ from planners.study.study_map import StudyMap
 
 NAMED = frozenset({"plate", "object", "tool", "support", "obstacle"})
 """Roles whose names are shown."""
-NAME_GAP = 0.02
-"""Between a body and its name [m]."""
+NAME_GAP, AXES_LENGTH = 0.02, 0.1
+"""Between a body and its name, and of its frame, in a cell of size 1 [m]."""
 LAYERS = ("forces", "newtons", "cones", "names", "frames", "start", "goal", "places", "grasps", "map")
 """What can be shown or hidden."""
 FIRST_LAYERS = frozenset({"forces", "newtons", "names", "map"})
@@ -247,7 +247,7 @@ class PlanScene:
             node = f"{self._root}/bodies/{name}/places" if layer == "places" else f"{self._root}/grasps/{name}"
             add_frame(self._scene, node, np.eye(4))
             self._sign_nodes[layer].append(node)
-            signs[name] = draw(self._scene, node, considered, name)
+            signs[name] = draw(self._scene, node, considered, name, self._cell.size)
             for handle in signs[name]:
                 handle.visible = False
         return signs
@@ -257,15 +257,17 @@ class PlanScene:
         return self._scene.add_label(
             f"{self._root}/bodies/{name}/name",
             name.replace("_", " "),
-            position=(0.0, 0.0, _top(body) + NAME_GAP),
+            position=(0.0, 0.0, _top(body) + self._cell.size * NAME_GAP),
             font_screen_scale=0.95,
             anchor="bottom-center",
         )
 
     def _add_body_frames(self, plan: Plan) -> list[FrameHandle]:
         movable = [name for name, body in plan.bodies.items() if body.role in ("plate", "object", "tool")]
+        length = self._cell.size * AXES_LENGTH
         frames = [
-            add_frame(self._scene, f"{self._root}/bodies/{name}/frame", np.eye(4), axes_length=0.1) for name in movable
+            add_frame(self._scene, f"{self._root}/bodies/{name}/frame", np.eye(4), axes_length=length)
+            for name in movable
         ]
         for frame in frames:
             frame.visible = False

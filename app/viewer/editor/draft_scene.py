@@ -32,9 +32,9 @@ WRONG: Rgb = rgb("limit")
 PATH_COLOUR = (150, 158, 168)
 """Of the last path that was found."""
 HANDLES = 0.16
-"""Size of the handles of a small thing [m]."""
+"""Size of the handles of a small thing, in a cell of size 1 [m]."""
 LABEL_GAP = 0.03
-"""Between a thing and its name [m]."""
+"""Between a thing and its name, in a cell of size 1 [m]."""
 GRAZING = 0.05
 """A view less steep than this onto the plane in which something is dragged moves it nowhere [rad]."""
 
@@ -221,7 +221,7 @@ class DraftScene:
         return _Drawn(self._name(pointer), shape, frame, surface, colour)
 
     def _add_label(self, name: str, part: DraftPart) -> None:
-        top = part.T_world_body[:3, :3].T @ np.array([0.0, 0.0, self._half_height(part) + LABEL_GAP])
+        top = part.T_world_body[:3, :3].T @ np.array([0.0, 0.0, self._half_height(part) + self._cell.size * LABEL_GAP])
         self._scene.add_label(f"{name}/name", part.name, position=top, font_screen_scale=0.85, anchor="bottom-center")
 
     def _half_height(self, part: DraftPart) -> float:
@@ -236,7 +236,7 @@ class DraftScene:
     def _add_handles(self, name: str, *, turns: bool) -> TransformControlsHandle:
         handles = self._scene.add_transform_controls(
             f"{self._root}/{name}",
-            scale=HANDLES,
+            scale=self._cell.size * HANDLES,
             active_axes=(True, True, False),
             disable_rotations=not turns,
             depth_test=False,
@@ -254,7 +254,9 @@ class DraftScene:
                 handles.visible = used
         if part is not None:
             corners = part.solid.surface()[0]
-            self._turning.scale = max(HANDLES, 0.75 * float(np.linalg.norm(np.ptp(corners[:, :2], axis=0))))
+            self._turning.scale = max(
+                self._cell.size * HANDLES, 0.75 * float(np.linalg.norm(np.ptp(corners[:, :2], axis=0)))
+            )
             T = part.T_world_body
             place(self._turning, transform(rotation_z(yaw_of(T[:3, :3])), T[:3, 3]))
         elif on_cup and self._draft.cup is not None and self._draft.plate is not None:

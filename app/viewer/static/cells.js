@@ -32,7 +32,13 @@ async function list() {
 }
 
 function entry(cell) {
-  const button = element("button", { onclick: () => show(cell).catch(refuse) }, cell.name, element("small", { textContent: told(cell) }));
+  const look = async () => {
+    const looked = show(cell);
+    // On a telephone it stands below the list.
+    byId("shown").scrollIntoView({ block: "nearest" });
+    await looked;
+  };
+  const button = element("button", { onclick: () => look().catch(refuse) }, cell.name, element("small", { textContent: told(cell) }));
   button.dataset.cell = cell.id;
   return button;
 }
@@ -52,11 +58,16 @@ async function show(cell) {
   byId("delete").hidden = cell.version === null;
   byId("delete").onclick = () => remove(cell).catch(refuse);
   byId("large").href = byId("picture").src = cell.links.picture;
-  byId("state").textContent = "looking at it …";
+  byId("looking").hidden = false;
+  byId("sentences").replaceChildren();
+  for (const id of ["lift", "move"]) byId(id).hidden = true;
+  byId("noted").hidden = true;
   const figures = await call(cell.links.survey);
   if (shown !== cell.id) return;
-  byId("state").textContent = "";
+  byId("looking").hidden = true;
   byId("sentences").replaceChildren(...figures.sentences.map((textContent) => element("li", { textContent })));
+  byId("noted").hidden = !figures.notes.length;
+  byId("notes").replaceChildren(...figures.notes.map((textContent) => element("li", { textContent })));
   const hands = Object.values(figures.arms).map(({ kind }) => kind);
   byId("lift").hidden = !(hands.includes("gripper") && hands.includes("stick"));
   byId("move").hidden = hands.includes("stick");
@@ -81,6 +92,7 @@ async function add(file) {
 
 function refuse(error = null) {
   byId("state").textContent = "";
+  byId("looking").hidden = true;
   byId("refusal").textContent = error?.message ?? "";
   const faults = error?.errors ?? [];
   byId("faults").replaceChildren(...(faults.length > 1 ? faults : []).map(({ file, pointer, detail }) =>

@@ -184,7 +184,7 @@ function joined(left, right) {
 /** All members of a task as rows [pointer, value]; arrays of numbers are one value. */
 function flattened(value, pointer = "") {
   const isLeaf = value === null || typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "number"));
-  if (isLeaf) return [[pointer, JSON.stringify(value)]];
+  if (isLeaf) return [[pointer, Array.isArray(value) ? value.join(", ") || "none" : value === null ? "none" : String(value)]];
   return Object.entries(value).flatMap(([key, part]) => flattened(part, `${pointer}/${key}`));
 }
 

@@ -81,7 +81,7 @@ class Connection {
       this.onpoint(answer.study, answer.point);
     } else {
       this.busy = false;
-      if (answer.type === "plan") this.onplan(answer.description);
+      if (answer.type === "plan") this.onplan(answer.description, answer.study);
       if (answer.type === "perceived") this.onperceived(answer.description);
       if (answer.type === "painted") this.onpainted(answer);
       if (answer.type === "camera") this.oncamera(answer.camera);

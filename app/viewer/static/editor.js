@@ -537,7 +537,8 @@ class Fields {
       case "select": return [this.select(field)];
       case "shape": return [this.select({ ...field, set: (type) => this.draft.set(field.shape, structuredClone(SHAPES[type])) })];
       case "check": return [this.check(field)];
-      case "outline": return [this.outline(field)];
+      case "table": return [this.table(field)];
+      case "vector": return this.vector(field);
       case "pose": return this.pose(field);
       default: throw new Error(`no field ${field.type}`);
     }
@@ -573,14 +574,14 @@ class Fields {
     return accepted ? steps(pointer).reduce((value, step) => value?.[step], accepted) : undefined;
   }
 
-  number({ label, pointer, unit, factor, step, optional, read, write }) {
+  number({ label, pointer, unit, factor, step, optional, fallback, read, write }) {
     const input = element("input", { type: "number", step: "any", inputMode: "decimal" });
     const get = read ?? (() => this.value(pointer));
     const set = write ?? ((value) => (value === null && optional ? this.draft.remove(pointer) : this.draft.set(pointer, value)));
     const shown = (value) => (typeof value === "number" ? String(rounded(value * factor, 4)) : "");
     this.refresh(input, () => {
       input.value = shown(get());
-      input.placeholder = optional ? shown(this.preset(pointer)) : "";
+      input.placeholder = optional ? shown(this.preset(pointer) ?? fallback) : "";
     });
     input.oninput = () => set(input.value === "" || !Number.isFinite(input.valueAsNumber) ? null : rounded(input.valueAsNumber / factor));
     input.onblur = () => (this.draft.rest(), (input.value = shown(get())));
@@ -629,12 +630,33 @@ class Fields {
     return [element("div", { className: "field-row" }, element("button", { id: `field${pointer}`.replaceAll("/", "-"), textContent: label, onclick: act }))];
   }
 
-  outline({ label, pointer }) {
-    const input = element("textarea", { rows: 4, spellcheck: false });
-    this.refresh(input, () => (input.value = list(this.value(pointer)).map((point) => list(point).map((value) => rounded(1000 * value, 4)).join(" ")).join("\n")));
-    input.oninput = () => this.draft.set(pointer, input.value.trim().split("\n").map((line) => line.trim().split(/[\s,]+/).map((word) => (word === "" ? null : Number.isFinite(Number(word)) ? rounded(Number(word) / 1000) : word))));
+  /** Rows of numbers; with `columns` they are one list, so many to a line, which may be left out. */
+  table({ label, pointer, factor, columns }) {
+    const input = element("textarea", { rows: columns ? 2 : 4, spellcheck: false });
+    const rows = () => {
+      const value = list(this.value(pointer));
+      return columns ? Array.from({ length: Math.ceil(value.length / columns) }, (_, row) => value.slice(row * columns, (row + 1) * columns)) : value;
+    };
+    const read = (word) => (word === "" ? null : Number.isFinite(Number(word)) ? rounded(Number(word) / factor) : word);
+    this.refresh(input, () => (input.value = rows().map((row) => list(row).map((value) => rounded(factor * value, 4)).join(" ")).join("\n")));
+    input.oninput = () => {
+      const typed = input.value.trim().split("\n").map((line) => line.trim().split(/[\s,]+/).map(read));
+      if (columns && !input.value.trim()) this.draft.remove(pointer);
+      else this.draft.set(pointer, columns ? typed.flat() : typed);
+    };
     input.onblur = () => this.draft.rest();
     return this.row(label, input, pointer, { className: "wide" });
+  }
+
+  /** Three lengths that may be left out, all together: what the service takes for them is shown, and is there for the others
+   *  when one is typed. */
+  vector({ label, pointer }) {
+    const now = () => this.value(pointer) ?? this.preset(pointer) ?? [0, 0, 0];
+    return ["x", "y", "z"].map((axis, index) => this.number({
+      label: `${label}, ${axis}`, pointer: `${pointer}/${index}`, ...MM, optional: true,
+      read: () => this.value(pointer)?.[index],
+      write: (value) => (value === null ? this.draft.remove(pointer) : this.draft.set(pointer, Object.assign([...now()], { [index]: value }))),
+    }));
   }
 
   pose({ pointer, optional }) {

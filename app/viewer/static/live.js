@@ -43,7 +43,7 @@ const list = document.getElementById("plan-list");
 let wanted = new URLSearchParams(location.search).get("plan");
 /* A watcher wants a plan or a perceived scene, never both. */
 let wantedScene = wanted ? null : new URLSearchParams(location.search).get("scene");
-/** The study from which the plan was opened: its map is painted onto the plate. */
+/** The study from which the plan was opened, or of which it plans a point: its map is painted onto the plate. */
 let study = wanted ? new URLSearchParams(location.search).get("study") : null;
 let studyEvents = null;
 let repainting = 0;
@@ -80,7 +80,7 @@ connection.onscene = (scene) => {
   else showEmpty();
 };
 adoptFrame(frame, (event) => (perceived.description ? perceived : player).key(event));
-connection.onplan = (description) => {
+connection.onplan = (description, planned) => {
   if (description.id !== wanted) return;
   loaded = description.id;
   [bare, simulating] = [!description.simulation, false];
@@ -90,6 +90,7 @@ connection.onplan = (description) => {
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);
   player.open(description);
+  study ??= planned;
   if (study) connection.paint(study);
   if (moment) player.visitMoment(moment);
   moment = null;
@@ -206,7 +207,7 @@ async function openPoint(index) {
   }
 }
 
-/** Leave the study: what is chosen from the list is no point of it. */
+/** Leave the study: what is chosen is no point of it. */
 function leaveStudy() {
   studyEvents?.close();
   [study, studyEvents] = [null, null];
@@ -430,12 +431,13 @@ function listItem(plan) {
   const item = element("li", { className: plan.done ? status : "running", tabIndex: 0 },
     element("span", { className: "dot" }), element("b", { textContent: nameOf(plan), title: nameOf(plan) }),
     element("small", { textContent: `${words} · ${clockTime(plan.created_at)}` }),
-    ...(plan.work_master ? [element("small", { textContent: `part ${plan.work_master}` })] : []));
+    ...(plan.work_master ? [element("small", { textContent: `part ${plan.work_master}` })] : []),
+    ...(plan.study_id ? [element("small", { textContent: "point of a study" })] : []));
   item.dataset.plan = plan.id;
   item.setAttribute("role", "option");
   item.setAttribute("aria-selected", String(plan.id === wanted));
   const open = () => {
-    if (plan.id !== wanted) leaveStudy();
+    if (plan.id !== wanted && plan.study_id !== study) leaveStudy();
     choose(plan.id);
   };
   item.onclick = open;

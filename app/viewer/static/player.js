@@ -265,5 +265,5 @@ function explanation(description) {
     element("li", {}, reason, ...(numbers ? [element("em", { textContent: numbers })] : [])));
   return [element("h3", {}, capitalised(description.outcome_words), element("small", { textContent: description.outcome_meaning })),
     element("p", { textContent: description.summary }), element("ul", {}, ...causes),
-    ...(description.remedies?.length ? [element("p", { textContent: `What to change was tried: ${description.remedies.length === 1 ? "a change leads" : `${description.remedies.length} changes lead`} to a plan, as told under What to change.` })] : [])];
+    ...(description.remedies?.length ? [element("p", { textContent: `Changes of the task were tried: ${description.remedies.length === 1 ? "one leads" : `${description.remedies.length} lead`} to a plan; see What to change.` })] : [])];
 }

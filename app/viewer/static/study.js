@@ -194,7 +194,7 @@ async function openPoint(index) {
 async function refresh() {
   map = await call(study.links.map);
   for (const point of map.points) points.set(point.index, point);
-  byId("best").textContent = map.best ? `${valuesAt(map.best.index).map((pair) => pair.join(" ")).join("; ")}: ${map.best.why}.` : "None is solved yet.";
+  byId("best").textContent = map.best ? `${valuesAt(map.best.index).map((pair) => pair.join(" ")).join("; ")}: ${map.best.why.replace(/ (N|%)(?= |$)/g, "\u00a0$1")}.` : "None is solved yet.";
   byId("open-best").hidden = !map.best;
   byId("note").textContent = map.certify ? "" : "Points are searched and not certified; a point that is opened is planned and certified, and where nothing was found, searched more densely.";
   legend();
@@ -221,12 +221,13 @@ function tell() {
 
 async function showStudy() {
   study = await call(`/v1/studies/${encodeURIComponent(wanted)}`);
-  byId("title").textContent = study.external_id ? `Study ${study.external_id}` : "Study";
   byId("json").href = study.links.map;
   byId("png").href = study.links.picture;
-  for (const id of ["map", "side"]) byId(id).hidden = false;
+  for (const id of ["map", "side", "studies"]) byId(id).hidden = false;
   byId("list").hidden = true;
   await refresh();
+  const of = map.task.external_id;
+  byId("title").textContent = document.title = study.external_id ? `Study ${study.external_id}` : of ? `Study of ${of}` : "Study";
   const plate = layout().plate;
   byId("axes").textContent = plate ? "The plate from above: its x leads away from the robot, its y to the left, before it is turned" : map.axes.map(nameOf).join(" to the right, ") + (map.axes.length > 1 ? " upwards" : "");
   draw();

@@ -4,7 +4,9 @@
 const MM = { unit: "mm", factor: 1000, step: 1 };
 const PERCENT = { unit: "%", factor: 100, step: 1 };
 const NEWTON = { unit: "N", factor: 1, step: 0.5 };
+const KAPPA = { ...NEWTON, step: 0.001 };
 const RATIO = { unit: "", factor: 1, step: 0.05 };
+const WHOLE = { unit: "", factor: 1, step: 1 };
 const KILOGRAM = { unit: "kg", factor: 1, step: 0.1 };
 const SHAPES = {
   box: { type: "box", size: [0.1, 0.1, 0.1] },
@@ -110,6 +112,7 @@ function fieldsOf(thing, draft, capabilities) {
         { title: "Mass", fields: [
           number("Mass", "/plate/mass", KILOGRAM),
           number("Mass may be off by", "/plate/mass_tolerance", PERCENT, { optional: true }),
+          { type: "vector", label: "Centre of mass", pointer: "/plate/com" },
           number("Centre of mass may be off by", "/plate/com_tolerance", MM, { optional: true }),
         ] },
         place,
@@ -127,7 +130,7 @@ function fieldsOf(thing, draft, capabilities) {
             ] },
         { title: "Suction", fields: [
           number("Radius of the pad", "/cup/radius", MM, { step: 0.5 }), number("Largest force", "/cup/max_force", NEWTON),
-          number("Friction of the pad", "/cup/mu", RATIO, { optional: true }), number("Bending, kappa", "/cup/kappa", { ...NEWTON, step: 0.001 }, { optional: true }),
+          number("Friction of the pad", "/cup/mu", RATIO, { optional: true }), number("Bending, kappa", "/cup/kappa", KAPPA, { optional: true }),
           select("Lifter model", "/lifter_model", capabilities.lifter_models, { optional: true }),
         ] },
       ];
@@ -135,7 +138,7 @@ function fieldsOf(thing, draft, capabilities) {
       return [{ title: "Shape", fields: shapeFields("/support/shape", draft, ["box", "cylinder", "prism"], capabilities) }, place];
     case "tool":
       return [
-        { title: "Tool", fields: [typeof draft.get("/tool") === "object" ? { type: "words", words: "A tool of the task's own." } : select("Tool", "/tool", toolNames(draft.task, capabilities), { optional: true })] },
+        ...(typeof draft.get("/tool") === "object" ? ownToolFields() : [{ title: "Tool", fields: [select("Tool", "/tool", toolNames(draft.task, capabilities), { optional: true })] }]),
         { ...place, fields: [{ type: "pose", pointer: "/tool_pose", optional: "in the cell's rest" }] },
       ];
     case "goal":
@@ -145,11 +148,23 @@ function fieldsOf(thing, draft, capabilities) {
       ];
     default:
       return [
-        { title: "Name", fields: [{ type: "text", label: "Name", pointer: `${base}/name` }, ...(thing.kind === "object" ? [number("Mass", `${base}/mass`, KILOGRAM)] : [])] },
+        { title: "Name", fields: [{ type: "text", label: "Name", pointer: `${base}/name` }, ...(draft.get("/scene_id") ? [{ type: "text", label: "Name in the scene", pointer: `${base}/detection`, optional: true }] : [])] },
         { title: "Shape", fields: shapeFields(`${base}/shape`, draft, capabilities.shapes, capabilities) },
+        ...(thing.kind === "object" ? [{ title: "Mass", fields: [number("Mass", `${base}/mass`, KILOGRAM), { type: "vector", label: "Centre of mass", pointer: `${base}/com` }] }] : []),
         place,
       ];
   }
+}
+
+/** Of a tool that the task itself describes, all but its shapes. */
+function ownToolFields() {
+  return [
+    { title: "A tool of the task's own", fields: [number("Mass", "/tool/mass", KILOGRAM), { type: "vector", label: "Centre of mass", pointer: "/tool/com" }] },
+    { title: "Its cup", fields: [
+      number("Radius of the lip", "/tool/cup/radius", MM, { step: 0.5 }), number("Largest force", "/tool/cup/max_force", NEWTON),
+      number("Friction of the lip", "/tool/cup/mu", RATIO, { optional: true }), number("Bending, kappa", "/tool/cup/kappa", KAPPA, { optional: true }),
+    ] },
+  ];
 }
 
 function shapeFields(pointer, draft, types, capabilities) {
@@ -161,7 +176,7 @@ function shapeFields(pointer, draft, types, capabilities) {
     case "cylinder":
       return [kind, number("Radius", `${pointer}/radius`, MM), number("Height", `${pointer}/height`, MM)];
     case "prism":
-      return [kind, { type: "outline", label: "Corners, x y in mm, counter-clockwise", pointer: `${pointer}/outline` }, number("Height", `${pointer}/height`, MM)];
+      return [kind, { type: "table", label: "Corners, x y in mm, counter-clockwise", pointer: `${pointer}/outline`, factor: 1000 }, number("Height", `${pointer}/height`, MM)];
     case "mesh":
       return [
         kind,
@@ -176,29 +191,38 @@ function shapeFields(pointer, draft, types, capabilities) {
 /** Fields of the task as a whole. */
 function taskFields(task, capabilities) {
   const lift = task.kind === "plate_lift";
+  // Accepted suction-tool tasks state it only where it is another one than the default.
+  const twisting = number("Torque over friction of a finger, eps", "/friction/eps", { ...MM, step: 0.5 }, { optional: true, fallback: 0.0075 });
+  const seed = number("Seed of what is drawn by chance", "/seed", WHOLE, { optional: true });
   const own = lift
     ? [
         { title: "Forces", fields: [
           number("A hand's normal force", "/hand_force_limit/normal", NEWTON, { optional: true }), number("A hand's force in all", "/hand_force_limit/net", NEWTON, { optional: true }),
-          select("How the gripper holds", "/contact_model", ["squeeze", "paper"], { optional: true }),
+          select("How the gripper holds", "/contact_model", ["squeeze", "paper"], { optional: true }), number("Squeeze of each pad", "/hand_force_limit/squeeze", NEWTON, { optional: true }),
           number("Friction of the fingers", "/friction/grip", RATIO, { optional: true }), number("Friction of the stick", "/friction/push", RATIO, { optional: true }),
-          number("Friction of the table", "/friction/environment", RATIO, { optional: true }),
+          number("Friction of the table", "/friction/environment", RATIO, { optional: true }), twisting,
         ] },
         { title: "Planning", fields: [
           number("Kept back of every limit", "/options/reserve", PERCENT, { optional: true }), number("Height at the end", "/options/goal_height", MM, { optional: true }),
           select("Least of", "/options/minimise", ["cost", "force", "risk"], { optional: true }),
+          number("Poses tried, times as many", "/options/contact_density", { ...RATIO, step: 0.25 }, { optional: true }), number("Grips and pushes tried, times as many", "/options/hold_density", { ...RATIO, step: 0.25 }, { optional: true }),
+          seed,
         ] },
       ]
     : [
         { title: "Forces", fields: [
           number("A finger's normal force", "/grip_force_limit", NEWTON, { optional: true }), number("What a hand may carry", "/carry_force_limit", NEWTON, { optional: true }),
-          number("Friction of the fingers", "/friction/grip", RATIO, { optional: true }), number("Friction of what rests", "/friction/environment", RATIO, { optional: true }),
+          number("Friction of the fingers", "/friction/grip", RATIO, { optional: true }), number("Friction of what rests", "/friction/environment", RATIO, { optional: true }), twisting,
         ] },
-        { title: "Planning", fields: [number("Kept back of every limit", "/options/reserve", PERCENT, { optional: true })] },
+        { title: "Planning", fields: [number("Kept back of every limit", "/options/reserve", PERCENT, { optional: true }), seed] },
       ];
   return [
     { title: "Task", fields: [{ type: "text", label: "Your name for it", pointer: "/external_id", optional: true }, select("Cell", "/cell", capabilities.cells, { optional: true })] },
     ...own,
-    { title: "Afterwards", fields: [{ type: "check", label: "Execute the plan in physics", pointer: "/options/simulate", preset: true }] },
+    { title: "Beginning", fields: [{ type: "table", label: "Joints in degrees, the left arm's and below the right one's; empty: at home", pointer: "/start_positions", factor: 180 / Math.PI, columns: 6 }] },
+    { title: "Afterwards", fields: [
+      { type: "check", label: "Execute the plan in physics", pointer: "/options/simulate", preset: true },
+      { type: "check", label: "Where there is no plan, look for changes that help", pointer: "/options/remedies", preset: true },
+    ] },
   ];
 }
