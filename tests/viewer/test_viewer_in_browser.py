@@ -451,3 +451,14 @@ def test_a_job_that_was_cancelled_says_so_and_the_list_is_there_without_a_plan(
     page.locator("#plan-list li", has_text="unwanted 1").click()
     page.wait_for_function("document.getElementById('message').innerText.includes('was cancelled')")
     assert not page.locator("#timeline").is_visible()
+
+
+def test_who_is_signed_out_is_told_so_and_not_that_it_is_tried_again(
+    service: ServiceProcess, open_page: Callable[..., Page]
+) -> None:
+    page = open_page(f"{service.address}/viewer/", drawn=False)
+    page.wait_for_function("connection.ready")
+    # As when a key is no longer good: pages lead to where another one is shown.
+    page.route("**/viewer/", lambda route: route.fulfill(status=303, headers={"Location": "/login"}))
+    page.evaluate("connection.socket.close()")
+    page.wait_for_function("document.getElementById('message').innerText.includes('You are signed out')")

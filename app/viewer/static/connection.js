@@ -6,6 +6,26 @@ const POLICY_VIOLATION = 1008;
 /** Codes (RFC 6455) with which a side closes that cannot go on: a request that makes no sense, an error of its own. */
 const FAULT_CODES = [1007, 1011];
 
+/** Say why a connection to the service has ended, whether by a fault, and whether to ask for another. */
+async function lossOf({ code, reason }) {
+  if (code === POLICY_VIOLATION) return { words: reason, fault: false, again: false };
+  // After a fault there would be the same again, so that it is told instead.
+  if (FAULT_CODES.includes(code)) return { words: reason || "It ended the connection and did not say why.", fault: true, again: false };
+  if (await isSignedOut()) return { words: "You are signed out: load this page again to sign in.", fault: false, again: false };
+  return { words: reason || "The connection to the service is lost; trying again.", fault: false, again: true };
+}
+
+/** Whether the service sends who asks for this page to where a key is shown; a socket is not told that. */
+async function isSignedOut() {
+  try {
+    const signal = AbortSignal.timeout(1500);
+    const answer = await fetch(location.href, { method: "HEAD", headers: { Accept: "text/html" }, redirect: "manual", signal });
+    return answer.type === "opaqueredirect";
+  } catch {
+    return false;
+  }
+}
+
 /** A scene on the service: this connection is for what we ask, one of viser's own for the scene. */
 class Connection {
   constructor() {
@@ -91,16 +111,13 @@ class Connection {
     this.pump();
   }
 
-  /** The service went away or was restarted: ask for a new scene until there is one. After a fault there would be
-   *  the same again, so that it is told instead; and who may not have one may not ask. */
-  lost(event) {
+  /** The service went away or was restarted: ask for a new scene until there is one; who may not have one may not ask. */
+  async lost(event) {
     Object.assign(this, { ready: false, busy: false, queue: [], waiting: null });
-    if (event.code === POLICY_VIOLATION) return this.onlost(event.reason);
-    if (FAULT_CODES.includes(event.code)) {
-      this.broken = true;
-      return this.onfault(event.reason || "It ended the connection and did not say why.");
-    }
-    this.onlost(event.reason || "The connection to the service is lost; trying again.");
-    setTimeout(() => this.connect(), 1500);
+    const { words, fault, again } = await lossOf(event);
+    this.broken = fault;
+    if (fault) this.onfault(words);
+    else this.onlost(words);
+    if (again) setTimeout(() => this.connect(), 1500);
   }
 }

@@ -57,12 +57,11 @@ class SceneConnection {
     this.handlers[message.type]?.(message);
   }
 
-  lost(event) {
+  async lost(event) {
     this.ready = false;
-    const denied = event.code === POLICY_VIOLATION;
-    const fault = FAULT_CODES.includes(event.code);
-    this.handlers.lost(fault ? "A fault of the service" : "No connection", event.reason || (fault ? "It ended the connection." : "The connection to the service is lost; trying again."));
-    if (!denied && !fault) setTimeout(() => this.connect(), 1500);
+    const { words, fault, again } = await lossOf(event);
+    this.handlers.lost(fault ? "A fault of the service" : "No connection", words);
+    if (again) setTimeout(() => this.connect(), 1500);
   }
 }
 
