@@ -7,6 +7,10 @@ and tip are soft, and a plate on its edge needs its hands' forces where the plan
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
+
+from planners.cell.cell_size import resized, tip_stiffness
+from planners.contract.quantities import SOFT_FINGER_EPS
 
 LEAST_PUSH = 3.0
 """A stick never presses less while it is to push [N]: planned forces of zero would lose the contact."""
@@ -32,3 +36,20 @@ class HandAdmittance:
     """Of the gripping hand's orientation by feedback [rad]."""
     fading: float = 0.2
     """Time constant with which a hand that has let go takes back its correction [s]."""
+
+    @classmethod
+    def of(cls, tip_radius: float, push: float, eps: float) -> Self:
+        """Return the admittance of the hands of a cell and task, as far as a plan's document tells of their rubber.
+
+        How fast an error may be made good is up to sensors and servos, which are the same in every cell: a loop of
+        contacts that are twice as stiff swings. So dampings grow as contacts get stiffer, and of turning as eps²
+        besides. How far a hand may be off its plan has no size, as what planning keeps from other bodies has none.
+
+        Args:
+            tip_radius: of the stick [m].
+            push: its largest normal force, at which its tip is stiffest [N].
+            eps: at which pads bear a torque by friction [m].
+        """
+        stiffer = tip_stiffness(tip_radius, push)
+        softly = resized(cls(), stiffer, "damping")
+        return resized(softly, stiffer * (eps / SOFT_FINGER_EPS) ** 2, "torsional_damping")

@@ -12,10 +12,10 @@ from scipy.interpolate import CubicHermiteSpline
 from planners.contract.arrays import ArmName
 from planners.contract.task_spec import PlateLiftTask
 from planners.geometry.pose import Array, Transform, from_pose7s, transform
-from planners.lifting.hand_admittance import LEAST_PUSH
+from planners.lifting.hand_admittance import LEAST_PUSH, HandAdmittance
 from planners.plan.plan import Plan
 from planners.plan.planned_wrenches import planned_wrenches, told_wrenches
-from planners.plan.scenery import ARMS, GripperDocument
+from planners.plan.scenery import ARMS, GripperDocument, StickDocument
 from planners.plan.segment import Segment, SegmentKind, riding_on
 from planners.plan.simulation import LiftSimulation
 from planners.program.stopping import StopBearing
@@ -156,6 +156,14 @@ class Schedule:
     def last(self) -> int:
         """The number of the last step; the lift, if one follows, has the next."""
         return self.steps[-1].number
+
+    @cached_property
+    def admittance(self) -> HandAdmittance:
+        """How hands on the plate of a lift exert what is planned."""
+        task = self.plan.task
+        assert isinstance(task, PlateLiftTask)
+        stick = next(hand for hand in self.plan.cell.hands.values() if isinstance(hand, StickDocument))
+        return HandAdmittance.of(stick.tip_radius, task.hand_force_limit.normal, task.friction.eps)
 
     @cached_property
     def start(self) -> dict[ArmName, Array]:

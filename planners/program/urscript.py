@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from planners.contract.arrays import ArmName
 from planners.geometry.pose import Array, Transform
-from planners.lifting.hand_admittance import HandAdmittance
 from planners.lifting.leader_follower import FollowerGains, LeaderFollower
 from planners.plan.scenery import ARMS, GripperDocument
 from planners.program.schedule import STOP_DURATION, ArmStep, ProgramStep, Schedule, WrenchCurve, in_base
@@ -318,7 +317,7 @@ class _Writer:
 
     def _admittance(self) -> Iterator[str]:
         """Yield what has a hand exert the planned wrench, see `HandAdmittance`."""
-        told = HandAdmittance()
+        told = self.schedule.admittance
         grips = isinstance(self.schedule.plan.cell.hands[self.arm], GripperDocument)
         turning = 1.0 / told.torsional_damping if grips else 0.0
         yield "# A hand on the plate is off the plan by lw_trim [m, rad, base axes]: it gives way to more than the"

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 
 from planners.balance.contacts import GripContacts, PushContact
+from planners.cell.cell_size import resized
 from planners.collision.model import Attached
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import Array, Transform, inverse
@@ -16,7 +17,7 @@ from planners.kinematics.forward import flange_pose
 from planners.lifting.leader_follower import FollowerGains, FollowerMotion, LeaderFollower
 from planners.lifting.lift_goal import LiftGoal, lift_goal
 from planners.lifting.lift_loop import HungPlate, box_inertia, design_gains, felt_mass, moved_stiffness
-from planners.lifting.lift_path import LiftPath, lift_path
+from planners.lifting.lift_path import LiftPath, LiftPathSettings, lift_path
 from planners.manipulation.reach.lift_workcell import PLATE_FRAME, LiftWorkcell
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.hands import GrippingHand, PushingHand
@@ -193,4 +194,5 @@ def way_up(
         return moves and not risen >= {a.frame, b.frame}
 
     held = Attached(gripper.name, inverse(T_world_flange) @ T_world_plate)
-    return lift_path(scene.cell.arms, real, workcell.query(workcell.holding, chosen, held, hands=arms))
+    query = workcell.query(workcell.holding, chosen, held, hands=arms)
+    return lift_path(scene.cell.arms, real, query, resized(LiftPathSettings(), scene.cell.size, "largest_height"))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 
 from planners.cell.arm import Arm
+from planners.cell.cell_size import tip_stiffness
 from planners.cell.hand import Gripper, Pusher
 from planners.geometry.linear import solve
 from planners.geometry.pose import Array, Transform, inverse, transform
@@ -207,13 +209,14 @@ class PushingHand(SimulatedHand):
         rng: np.random.Generator,
         mu: float,
         plate_com: Array,
+        pushes: Sequence[float],
     ) -> None:
-        """Take the plan's friction coefficient and the plate's centre of mass (3,), plate frame."""
+        """Take the plan's friction coefficient, the plate's centre of mass (3,), plate frame, and `largest_pushes`."""
         super().__init__(arm, first_joint, settings, rng)
         contact = settings.contact
         assert isinstance(arm.hand, Pusher)
         self.T_flange_hand = arm.hand.T_flange_tcp.copy()
-        self._com, self._radius = plate_com, arm.hand.tip_radius
+        self._com, self._radius, self._pushes = plate_com, arm.hand.tip_radius, pushes
         self._push: Push | None = None
         self.touch = Touch(
             np.zeros((1, 3)),
@@ -232,6 +235,8 @@ class PushingHand(SimulatedHand):
                 T_plate_hand = inverse(transform(R, com)) @ T_world_hand
                 face, normal = push.point - self._com, push.normal
                 tip = T_plate_hand[:3, 3] + self._radius * normal
+                # What is stated is for the papers' pushes, however light.
+                self.touch.stiffen(max(1.0, tip_stiffness(self._radius, self._pushes[moment.number])))
                 self.touch.engage_at((tip + ((face - tip) @ normal) * normal)[None], normal[None])
             self._push = push
         if push is None and self.touch.engaged:

@@ -61,7 +61,10 @@ class LiftExecution:
         self.gripping = GrippingHand(
             arms[grip_arm], first[grip_arm], settings, rng, (friction.grip, friction.eps), scene.plate.height
         )
-        self.pushing = PushingHand(arms[push_arm], first[push_arm], settings, rng, friction.push, scene.plate.com)
+        self.pushing = PushingHand(
+            arms[push_arm], first[push_arm], settings, rng, friction.push, scene.plate.com,
+            self.reference.largest_pushes(push_arm),
+        )  # fmt: skip
         self.hands: tuple[SimulatedHand, ...] = (self.gripping, self.pushing)
         self._arms = [first[grip_arm] // 6, first[push_arm] // 6]
         """Of each hand, in the order of the cell's."""

@@ -66,6 +66,21 @@ class LiftReference(SampledTimeline):
         value = moment.row[self._told[name]]
         return None if math.isnan(value[0]) else value
 
+    def largest_pushes(self, arm: str) -> list[float]:
+        """Return for each segment how hard an arm's stick presses at most until it leaves its place, as planned [N]."""
+        begins = np.cumsum([0, *(len(segment.time) for segment in self.segments)]).tolist()
+        pushes, after = [0.0] * len(self.segments), None
+        for number in reversed(range(len(self.segments))):
+            push = self.segments[number].push
+            if push is not None:
+                rows = slice(begins[number], begins[number + 1])
+                normals = self.T_world_plate[rows, :3, :3] @ push.normal
+                along = np.nan_to_num(np.einsum("ij,ij->i", self._planned[arm][rows, :3], normals))
+                stays = after is not None and np.array_equal(after.point, push.point)
+                pushes[number] = max(float(along.max()), pushes[number + 1] if stays else 0.0)
+            after = push
+        return pushes
+
     def planned_forces(self, moment: PlannedMoment) -> dict[str, Array]:
         """Return the planned force (3,) of everything that touches the plate [N]."""
         forces = {name: moment.between(rows)[:3] for name, rows in self._planned.items()}

@@ -6,8 +6,11 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Self
 
+from planners.cell.cell_size import pad_stiffness, resized
+from planners.cell.hand import Gripper, Pusher
 from planners.lifting.hand_admittance import LEAST_PUSH, HandAdmittance
 from planners.lifting.leader_follower import FollowerGains
+from planners.scene.lift_scene import PlateLiftScene
 
 
 @dataclass(frozen=True)
@@ -24,7 +27,7 @@ class ContactSettings:
     """[N/m]. A pad is four points at the soft finger's eccentricity of 7.5 mm, so that friction bears the planned
     torque and no more. Rubber of 15e3 N/m all over 22 x 37.5 mm resists turning as these four points do at 40e3."""
     tip_normal_stiffness: float = 20e3
-    """Of the stick's rubber tip [N/m]."""
+    """Of the stick's rubber tip, of the papers' size and in pushes like theirs [N/m]; see `tip_stiffness`."""
     tip_tangential_stiffness: float = 10e3
     """[N/m]"""
     damping_time: float = 0.004
@@ -33,6 +36,13 @@ class ContactSettings:
     """Length over width of a pad: a pad is four points at the soft finger's eccentricity [1]."""
     least_push: float = LEAST_PUSH
     """The stick never presses less while it is to push [N]."""
+
+    @classmethod
+    def of(cls, gripper: Gripper) -> Self:
+        """Return the same rubber on pads of another size."""
+        width, _, length = gripper.pad_size.tolist()
+        shaped, stiffer = replace(cls(), pad_aspect=length / width), pad_stiffness(gripper.pad_size)
+        return resized(shaped, stiffer, "pad_normal_stiffness", "pad_tangential_stiffness")
 
 
 @dataclass(frozen=True)
@@ -156,6 +166,22 @@ class SimulationSettings:
     hand: HandSettings = field(default_factory=HandSettings)
     follower: FollowerGains | None = None
     """None: those that fit the plate and the cup."""
+
+    @classmethod
+    def of(cls, scene: PlateLiftScene) -> Self:
+        """Return settings for a scene's hands and the size of its cell; here they are those of the papers' cell.
+
+        What belongs to sensors, servos and whoever operates the lifter stays, and so do the slips that are a failure.
+        """
+        cell, push = scene.cell, scene.hand_force_limit.normal
+        gripper, pusher = cell.gripper(cell.gripper_arms[0]), cell.arms[cell.pusher_arms[0]].hand
+        assert isinstance(pusher, Pusher)
+        return replace(
+            resized(cls(), cell.size, "headroom"),
+            contact=ContactSettings.of(gripper),
+            cup=resized(CupSettings(), cell.size, "travel"),
+            hand=HandSettings.of(pusher.tip_radius, push, scene.friction.eps),
+        )
 
 
 @dataclass(frozen=True)

@@ -90,13 +90,13 @@ def simulate_lift(
         scene: that it was planned in.
         progress: told of stage "simulate".
         seed: of sensor noise, of the lifter's force error and of its profile.
-        settings: what is assumed.
+        settings: what is assumed; None: what follows from the scene's cell and hands.
         actual: how plate, friction and cup really are, which neither plan nor controller know; None: as in `scene`.
 
     Returns:
         The `simulation` of a plan.
     """
-    settings = settings or SimulationSettings()
+    settings = settings or SimulationSettings.of(scene)
     actual = actual or scene
     with LiftWorld(actual, settings) as world:
         execution = LiftExecution(plan, actual, world, settings, np.random.default_rng(seed), scene)

@@ -41,6 +41,7 @@ class Touch:
         count = len(points)
         self.points = np.ascontiguousarray(points)
         self._constants = np.array([normal, tangential, damping_time, mu, radius])
+        self._prepared = self._constants[:2].copy()
         self.anchors = np.zeros((count, 3))
         self.normals = np.zeros((count, 3))
         self.preload = np.zeros(count)
@@ -70,6 +71,10 @@ class Touch:
         self.slips[:] = self.slip = 0.0
         self.engaged = True
         self._compliance = None
+
+    def stiffen(self, times: float) -> None:
+        """Make the points, before they are engaged, so many times as stiff as they were prepared [1]."""
+        self._constants[:2] = times * self._prepared
 
     def release(self) -> None:
         """Let go."""

@@ -84,7 +84,7 @@ class PhysicalLift:
             beyond_reach: whether the lifter goes on where the hands end, which ends the lift; else it stops below.
         """
         self.schedule, self._scene, self.world, self._lets_go = schedule, scene, world, lets_go
-        settings, rng = SimulationSettings(), np.random.default_rng(seed)
+        settings, rng = SimulationSettings.of(scene), np.random.default_rng(seed)
         self.execution = LiftExecution(schedule.plan, scene, world, settings, rng, scene)
         lift = schedule.lift
         travel = 0.0
@@ -247,7 +247,7 @@ def physical_cell(
         with ToolWorld(scene, ToolSimulationSettings()) as world:
             yield PhysicalPile(schedule, scene, world)
         return
-    with LiftWorld(scene, SimulationSettings()) as world:
+    with LiftWorld(scene, SimulationSettings.of(scene)) as world:
         yield PhysicalLift(schedule, scene, world, seed, lets_go, beyond_reach=beyond_reach)
 
 
