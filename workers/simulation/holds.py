@@ -6,13 +6,13 @@ as stiff as rubber is, and what it holds as light as it likes, without the step 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
+from planners.cell.cell_size import pad_stiffness
 from planners.cell.hand import Gripper
 from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.geometry.linear import solve
@@ -24,7 +24,7 @@ from planners.scene.suction_tool import CupData
 from planners.scene.tool_scene import SuctionToolScene
 from workers.simulation.settings import (
     LIP_RADIUS,
-    PAD_AREA,
+    PAD_LENGTH,
     BondStiffness,
     EnduranceSettings,
     TakingSettings,
@@ -242,7 +242,7 @@ class FingerHold:
         self.T_flange_tcp = T_flange_tcp.copy()
         hand = scene.cell.arms[planned.arm].hand
         assert isinstance(hand, Gripper)
-        give = settings.fingers.resized(math.sqrt(hand.pad_size[0] * hand.pad_size[2] / PAD_AREA))
+        give = settings.fingers.of_other_rubber(pad_stiffness(hand.pad_size), hand.pad_size[2] / PAD_LENGTH)
         self.bond = Bond(tool, None, T_world_tcp, give)
         assert planned.squeeze is not None
         self.limit = settings.truth.grip_strength * planned.squeeze
@@ -282,7 +282,9 @@ class CupHold:
     def __init__(self, tool: FreeBody, item: FreeBody, cup: CupData, settings: ToolSimulationSettings) -> None:
         """Hold the object as it is; its lip gives way within its cones, and bears any pressure."""
         self.name = item.name
-        give = settings.cup.resized(cup.radius / LIP_RADIUS)
+        # The same lip has as many springs for its length.
+        wider = cup.radius / LIP_RADIUS
+        give = settings.cup.of_other_rubber(wider, wider)
         self.bond = Bond(item, tool, tool.T_world_body, give)
         strength = settings.truth.cup_strength
         self._cup = replace(cup, max_force=strength * cup.max_force, kappa=strength * cup.kappa)

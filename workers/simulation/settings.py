@@ -195,16 +195,13 @@ class BondStiffness:
     damping_time: float
     """Damping over stiffness [s]."""
 
-    def resized(self, size: float) -> BondStiffness:
-        """Return that of the same rubber in the same shape with all lengths `size` times as large.
-
-        An area over a thickness grows with the length, and what resists turning with the square of the lever besides.
-        """
-        return BondStiffness(size * self.linear, size**3 * self.angular, self.damping_time)
+    def of_other_rubber(self, stiffer: float, wider: float) -> BondStiffness:
+        """Return that of rubber that is so many times as stiff and reaches so many times as far from its middle [1]."""
+        return BondStiffness(stiffer * self.linear, stiffer * wider**2 * self.angular, self.damping_time)
 
 
-PAD_AREA = 0.022 * 0.0375
-"""Of the pads whose compliance is `FINGERS` [m^2]."""
+PAD_LENGTH = 0.0375
+"""Of the pads whose compliance is `FINGERS` [m]."""
 FINGERS = BondStiffness(linear=100e3, angular=40.0, damping_time=0.004)
 """Two pads of rubber, 22 x 37.5 mm, with their fingers."""
 LIP_RADIUS = 0.0175
@@ -292,9 +289,9 @@ class ToolSimulationSettings:
     vacuum_at: float = 0.5
     """Part of an attach or detach after which the vacuum is there, or gone [1]."""
     fingers: BondStiffness = FINGERS
-    """Of pads of `PAD_AREA`; those of a hand follow from their own."""
+    """Of the papers' pads; those of other hands follow from their size."""
     cup: BondStiffness = CUP
-    """Of a lip of `LIP_RADIUS`; that of a tool follows from its own."""
+    """Of a lip of `LIP_RADIUS`; that of another tool follows from its own."""
     truth: TruthSettings = field(default_factory=TruthSettings)
     taking: TakingSettings = field(default_factory=TakingSettings)
     endurance: EnduranceSettings = field(default_factory=EnduranceSettings)
