@@ -19,6 +19,7 @@ from app.cli.main import main
 from app.cli.output import BAD_INPUT
 from app.settings import ServiceSettings
 from planners.cell.cell import known_cells
+from planners.plan.plan import Plan
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -41,6 +42,26 @@ def test_the_example_of_the_documentation_can_be_planned_in(tmp_path: Path, caps
     assert main(["cell", "check", str(file), "--png", str(picture)]) == 0
     assert "Table 1.2 × 2 m" in capsys.readouterr().out
     assert cv2.imread(str(picture)) is not None
+
+
+@pytest.mark.slow
+def test_the_sheet_of_the_documentation_is_lifted_by_its_industrial_arms(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (DOCS / "cell.md").read_text()
+    for kind, begin, name in (
+        ("yaml", "name: heavy_station", "cell.yaml"),
+        ("json", '{"kind": "plate_lift", "cell": "heavy_station"', "task.json"),
+    ):
+        (block,) = re.findall(rf"```{kind}\n({re.escape(begin)}.*?)```", text, re.DOTALL)
+        (tmp_path / name).write_text(block)
+    cell, task, out = (str(tmp_path / name) for name in ("cell.yaml", "task.json", "plan.json"))
+    assert main(["plan", task, "--cell", cell, "--out", out, "--data-dir", str(tmp_path)]) == 0
+    plan = Plan.read(Path(out))
+    assert plan.certificate is not None
+    assert plan.certificate.passed
+    assert plan.simulation is not None
+    assert plan.simulation.outcome == "lifted"
 
 
 def test_every_fault_is_told_on_a_line_with_its_file_and_member(
