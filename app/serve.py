@@ -355,7 +355,7 @@ class LoadedWhileServing:
             await WebSocketClose(TRY_AGAIN_LATER)(scope, receive, send)
         elif scope["path"] == "/livez":
             await JSONResponse({"status": "alive"})(scope, receive, send)
-        elif scope["method"] == "GET" and navigates("GET", Headers(scope=scope)):
+        elif navigates(scope["method"], Headers(scope=scope)):
             await _starting_page(self._doing)(scope, receive, send)
         else:
             await error_response(NotReady(f"the service is starting: {self._doing}"))(scope, receive, send)

@@ -146,6 +146,10 @@ class SceneFaults:
             if not any((pointer,) in self._found for pointer in each.pointers):
                 self._found.setdefault(each.pointers, each)
 
+    def __len__(self) -> int:
+        """Return how much is known so far."""
+        return len(self._found)
+
     def tells_of(self, *pointers: str | None) -> bool:
         """Whether it is known of these members, in this order, that they do not go together."""
         return pointers in self._found

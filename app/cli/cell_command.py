@@ -156,7 +156,8 @@ def refuse_file_as_name(name: str) -> None:
     Raises:
         BadInput: It is a path; it says which commands take one.
     """
-    if Path(name).exists() or "/" in name or Path(name).suffix in (".yaml", ".yml", ".json", ".zip"):
+    # A name has neither; a file or folder of the same name may well lie beside.
+    if "/" in name or Path(name).suffix:
         detail = "is a path, not the name of a cell that is shipped or kept"
         take = f"`liftwright cell check {name}` says what it can do, `liftwright cell add {name}` keeps it"
         raise BadInput(f"{name} {detail}; {take}")

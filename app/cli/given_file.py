@@ -113,6 +113,7 @@ def _meant(path: Path, wanted: FileKind) -> str:
     task = assets_folder() / "tasks" / f"{path.name.removesuffix('.json')}.json"
     if wanted is FileKind.TASK and task.is_file():
         return f"; the task that is shipped under this name is {task}"
-    if wanted is FileKind.CELL and (assets_folder() / "cells" / f"{path}.yaml").is_file():
-        return f'; that cell is shipped: `liftwright cell show {path}` says what it can do, tasks name it as "cell"'
+    cell = path.name
+    if wanted is FileKind.CELL and (assets_folder() / "cells" / f"{cell}.yaml").is_file():
+        return f'; that cell is shipped: `liftwright cell show {cell}` says what it can do, tasks name it as "cell"'
     return nearest(str(path), map(str, path.parent.iterdir())) if path.parent.is_dir() else ""

@@ -9,12 +9,12 @@ from tempfile import TemporaryDirectory
 from pydantic import ValidationError
 
 from app.cli.export_command import site_cell
-from app.cli.given_file import FileKind, read_given, refuse_other_file
+from app.cli.given_file import FileKind, read_given, refuse_other
 from app.cli.output import BadInput
 from app.viewer.drawing.link_meshes import LinkMeshes
 from app.viewer.playback import Playback
 from app.viewer.scene_servers import recording_of
-from planners.contract.strict_json import NotJson
+from planners.contract.strict_json import NotJson, parse_json
 from planners.plan.plan import Plan
 from workers.robot.execution_log import ExecutedMotion, NotALog
 
@@ -33,8 +33,8 @@ def replay_files(path: Path, log: Path, site: Path | None, out: Path | None) -> 
         OSError: A file cannot be read or written.
     """
     document = read_given(str(path), FileKind.PLAN)
-    refuse_other_file(path, FileKind.PLAN)
     try:
+        refuse_other(parse_json(document, str(path)), str(path), FileKind.PLAN)
         plan, executed = Plan.read(document), ExecutedMotion.read(log)
     except (NotJson, ValidationError) as error:
         raise BadInput(f"{path} is not a plan document") from error

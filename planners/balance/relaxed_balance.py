@@ -36,10 +36,11 @@ def relaxed(program: ConeProgram) -> Relaxed:
     this moment free, about the two axes in the plate's plane, is convex; the place follows from moment and pull. The
     moment of the cup's friction about the normal is left out: whoever moves the cup asks again.
     """
-    return Relaxed(_least_force(program), _least_shift(program))
+    return Relaxed(least_force(program), _least_shift(program))
 
 
-def _least_force(program: ConeProgram) -> float | None:
+def least_force(program: ConeProgram) -> float | None:
+    """Return how much more a cup has to pull at the least [N]; None: no force of it would do."""
     given = np.zeros((len(program.offsets), 1))
     given[_limit_of_pull(program)] = 1.0
     found = _least(program, np.zeros((6, 1)), given, [clarabel.NonnegativeConeT(1)], np.ones((1, 1)))

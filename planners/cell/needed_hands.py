@@ -23,6 +23,10 @@ class NeededHands:
     told: str
     """Says it."""
 
+    def fit(self, grippers: int, sticks: int) -> bool:
+        """Tell whether a cell with so many hands of each kind has them."""
+        return (grippers, sticks) == (self.grippers, self.sticks)
+
     def refusal(self, name: str, fitting: Sequence[str], *, known: bool) -> SceneError:
         """Return what a task that names a cell without them is refused with.
 
@@ -48,9 +52,7 @@ def check_shipped(name: str, needed: NeededHands) -> None:
     """
     kinds = _kinds_of_hands()
     fitting = [
-        known
-        for known, hands in kinds.items()
-        if (len(hands) - hands.count("stick"), hands.count("stick")) == (needed.grippers, needed.sticks)
+        known for known, hands in kinds.items() if needed.fit(len(hands) - hands.count("stick"), hands.count("stick"))
     ]
     if name not in fitting:
         raise needed.refusal(name, fitting, known=name in kinds)

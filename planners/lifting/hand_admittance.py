@@ -43,13 +43,15 @@ class HandAdmittance:
 
         How fast an error may be made good is up to sensors and servos, which are the same in every cell: a loop of
         contacts that are twice as stiff swings. So dampings grow as contacts get stiffer, and of turning as eps²
-        besides. How far a hand may be off its plan has no size, as what planning keeps from other bodies has none.
+        besides. Nothing is less than in the papers' cell: a task that asks for less force, or trusts friction less, has
+        the same rubber. How far a hand may be off its plan has no size, as what planning keeps from other bodies has
+        none.
 
         Args:
             tip_radius: of the stick [m].
-            push: its largest normal force, at which its tip is stiffest [N].
+            push: the largest normal force that it may exert, at which its tip is stiffest [N].
             eps: at which pads bear a torque by friction [m].
         """
-        stiffer = tip_stiffness(tip_radius, push)
+        stiffer = max(1.0, tip_stiffness(tip_radius, push))
         softly = resized(cls(), stiffer, "damping")
-        return resized(softly, stiffer * (eps / SOFT_FINGER_EPS) ** 2, "torsional_damping")
+        return resized(softly, stiffer * max(1.0, eps / SOFT_FINGER_EPS) ** 2, "torsional_damping")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planners.balance.balanced import Balanced
 from planners.balance.capacity import LiftCapacity
-from planners.balance.relaxed_balance import relaxed
+from planners.balance.relaxed_balance import least_force
 from planners.cell.arm_span import OutOfReach
 from planners.contract.task_spec import HandForceLimit
 from planners.graph.rejections import Rejection, Rejections
@@ -80,8 +80,13 @@ def not_found(search: LiftSearch, summary: str, main: tuple[Rejection, ...] = ()
     )
 
 
-def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapacity) -> LiftPlan:
-    """Report that robot and lifter cannot carry the weight in any pose: a proof."""
+def too_heavy(
+    sampling: LiftSampling, rejections: Rejections, capacity: LiftCapacity, *, explained: bool = True
+) -> LiftPlan:
+    """Report that robot and lifter cannot carry the weight in any pose: a proof.
+
+    If `explained`, it says what would be enough; that takes balances of its own.
+    """
     sloping = " (pull, and friction of its pad on a slope)" if capacity.cup > sampling.stated.cup.max_force else ""
     borne = _borne_beyond_limits(sampling.scene, capacity)
     less = "" if borne is None else f"; {_limits_told(sampling.scene, borne)}"
@@ -97,7 +102,7 @@ def too_heavy(sampling: LiftSampling, rejections: Rejections, capacity: LiftCapa
         f"Robot and vacuum lifter together can carry at most {capacity.available:.1f} N; "
         f"the plate weighs {capacity.needed:.1f} N."
     )
-    if borne is not None and capacity.cup + sum(borne) >= capacity.needed:
+    if explained and borne is not None and capacity.cup + sum(borne) >= capacity.needed:
         summary += f" {_with_all_that_arms_bear(sampling, borne)}"
     return _unsearched(sampling, rejections, PlanningOutcome.INFEASIBLE, cause, summary)
 
@@ -114,23 +119,25 @@ def _with_all_that_arms_bear(sampling: LiftSampling, borne: tuple[float, float])
     It may be that no way leads there all the same: that is not looked at.
     """
     scene, told = sampling.scene, _limits_told(sampling.scene, borne)
-    most = math.ceil(max(borne))
-    limit = scene.hand_force_limit.model_copy(update={"normal": float(most), "net": float(most)})
+    asked, most = scene.hand_force_limit, float(math.ceil(max(borne)))
+    limit = asked.model_copy(update={"normal": max(asked.normal, most), "net": max(asked.net, most)})
     granted = replace(scene, hand_force_limit=limit)
     lacking = _least_cup_force(sampling.with_limits(granted))
     if lacking == 0.0:
-        return f"The task's limit is short: {told}; with all of that, forces hold the plate, if the arms get it there."
+        enough = "with all of that, forces hold the plate as stated, if the arms get it there"
+        return f"The task's limit is short: {told}; {enough}."
     if lacking is not None:
         force = math.ceil(10.0 * (scene.cup.max_force + lacking)) / 10.0
         stronger = replace(granted, cup=replace(scene.cup, max_force=force))
         if _least_cup_force(sampling.with_limits(stronger)) == 0.0:
             cup = f"the cup pulls with {force:g} N as well, instead of {scene.cup.max_force:g} N"
-            return f"The task's limit is short, and not alone: {told}; with all of that, forces hold it if {cup}."
+            enough = f"with all of that, forces hold it as stated if {cup}"
+            return f"The task's limit is short, and not alone: {told}; {enough}."
     return f"The task's limit is short, and not alone: {told}; with all of that, no forces were found that hold it."
 
 
 def _least_cup_force(sampling: LiftSampling) -> float | None:
-    """Return how much more a cup has to pull for some grip and push to hold the plate off its support [N].
+    """Return how much more a cup has to pull for some grip and push to hold the plate as stated off its support [N].
 
     0: they do. None: no force was found to be enough.
     """
@@ -145,7 +152,7 @@ def _least_cup_force(sampling: LiftSampling) -> float | None:
             return 0.0
         balance.ruled_out[pose, 1 + grip, 1 + push] = True
         where = sampling.poses.poses[pose]
-        more = relaxed(balance.program(where.T_world_plate, where.contact_points, (grip, push))).cup_force
+        more = least_force(balance.program(where.T_world_plate, where.contact_points, (grip, push)))
         if more is not None:
             least = more if least is None else min(least, more)
     return least

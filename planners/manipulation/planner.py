@@ -91,19 +91,22 @@ class PlateLiftPlanner:
         Args:
             explained: whether to look for the causes where nothing is found; that takes balances of its own.
         """
-        proof = self.proof()
+        proof = self.proof(explained=explained)
         if proof is not None:
             return proof
         if not self.fits:
             return too_large(self.sampling, self.record.rejections, self.reach.edge_count)
         return self.planned(self.begin(), explained=explained, thorough=explained)
 
-    def proof(self) -> LiftPlan | None:
-        """Return the answer where it takes no search: that there is no plan. None where a search has to tell."""
+    def proof(self, *, explained: bool = False) -> LiftPlan | None:
+        """Return the answer where it takes no search: that there is no plan. None where a search has to tell.
+
+        If `explained`, it is looked for what would be enough; that takes balances of its own.
+        """
         sampling, rejections = self.sampling, self.record.rejections
         capacity = self.capacity()
         if not capacity.suffices:
-            return too_heavy(sampling, rejections, capacity)
+            return too_heavy(sampling, rejections, capacity, explained=explained)
         if jaw_of(sampling.workcell).width_max < least_opening(sampling.prism, self.scene.friction.grip):
             return too_thick(sampling, rejections)
         beyond = self.out_of_reach()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -162,8 +163,11 @@ class Schedule:
         """How hands on the plate of a lift exert what is planned."""
         task = self.plan.task
         assert isinstance(task, PlateLiftTask)
-        stick = next(hand for hand in self.plan.cell.hands.values() if isinstance(hand, StickDocument))
-        return HandAdmittance.of(stick.tip_radius, task.hand_force_limit.normal, task.friction.eps)
+        hands = self.plan.cell.hands.items()
+        arm, stick = next((arm, hand) for arm, hand in hands if isinstance(hand, StickDocument))
+        limit, spare = task.hand_force_limit, self._spare_force(arm)
+        push = min(limit.normal, limit.net, math.inf if spare is None else spare)
+        return HandAdmittance.of(stick.tip_radius, push, task.friction.eps)
 
     @cached_property
     def start(self) -> dict[ArmName, Array]:
@@ -301,10 +305,14 @@ class _StepReader:
 
         The controller takes off what it is told to be the payload, so that what is carried is not felt.
         """
+        return (self._spare_force(arm) or 0.0) + FORCE_ALLOWANCE
+
+    def _spare_force(self, arm: ArmName) -> float | None:
+        """Return what the arm's payload leaves beside the hand [N]; None where the document does not tell."""
         robot, hand = self.plan.cell.arms[arm], self.plan.cell.hands[arm]
         if robot.payload is None or hand.mass is None:
-            return FORCE_ALLOWANCE
-        return (robot.payload - hand.mass) * float(np.linalg.norm(self.plan.cell.gravity)) + FORCE_ALLOWANCE
+            return None
+        return (robot.payload - hand.mass) * float(np.linalg.norm(self.plan.cell.gravity))
 
 
 def in_base(wrenches: Array, T_world_base: Transform) -> Array:

@@ -26,6 +26,8 @@ TOUCHING = 1e-3
 
 GRAIN = 1e-4
 """Moves that would part bodies are told in multiples of it [m]."""
+MOST_MEASURED = 8
+"""Of so many overlaps at once it is told how deep they are and what parts them: with many parts it takes long [1]."""
 _ARMS = "/start_positions"
 _CUP = "/cup/position"
 _AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1)}
@@ -35,19 +37,23 @@ _AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "
 class BodiesOverlap(SceneError):
     """Two bodies touch or overlap; every member of the task that places one of them is pointed at."""
 
-    def __init__(self, a: PlacedBody, b: PlacedBody, when: str) -> None:
+    def __init__(self, a: PlacedBody, b: PlacedBody, when: str, *, measured: bool = True) -> None:
+        """`measured`: whether to tell how deep they are in one another, and the move that parts them."""
         pointer, *others = _pointers(a, b)
-        deep = depth(a, b)
-        met = f"overlap by {1e3 * deep:.4g} mm" if deep > _ROUNDING else "touch"
-        super().__init__(pointer, f"{a.name} and {b.name} {met} {when}{_apart(a, b)}", others=others)
+        met, apart = "touch or overlap", ""
+        if measured:
+            deep, apart = depth(a, b), _apart(a, b)
+            met = f"overlap by {1e3 * deep:.4g} mm" if deep > _ROUNDING else "touch"
+        super().__init__(pointer, f"{a.name} and {b.name} {met} {when}{apart}", others=others)
 
 
 class BodyInCell(SceneError):
     """A body reaches into a part of the cell; the member of the task that places the body is pointed at."""
 
-    def __init__(self, body: PlacedBody, part: PlacedBody, depth: float, when: str) -> None:
+    def __init__(self, body: PlacedBody, part: PlacedBody, depth: float, when: str, *, measured: bool = True) -> None:
+        """`measured`: whether to tell the move that parts them."""
         detail = f"{body.name} is {1e3 * depth:.4g} mm deep in {part.name} {when}, more than {1e3 * TOUCHING:g} mm"
-        super().__init__(body.pointer or "", f"{detail}{_apart(body, part)}")
+        super().__init__(body.pointer or "", f"{detail}{_apart(body, part) if measured else ''}")
 
 
 def _pointers(a: PlacedBody, b: PlacedBody) -> tuple[str, ...]:
@@ -62,11 +68,12 @@ def _apart(a: PlacedBody, b: PlacedBody) -> str:
         return ""
     # The first one named moves, unless the other would have less far to go: up, as it lies above.
     moving, still, (axis, far) = min(ways, key=lambda way: way[2][1])
-    return f"; moved {1e3 * far:.1f} mm towards {axis}, {moving.name} is clear of {still.name}"
+    return f"; moved {1e3 * far:.1f} mm towards the world's {axis}, {moving.name} is clear of {still.name}"
 
 
 def _way_out(body: PlacedBody, other: PlacedBody) -> tuple[str, float] | None:
-    if body.pointer is None or body.pointer == _ARMS:
+    # An arm has many links: what is clear of one may well be in the next.
+    if body.pointer is None or _ARMS in (body.pointer, other.pointer):
         return None
     # A cup is moved on its plate only.
     axes = [axis for axis in _AXES if axis != "+z" or body.pointer != _CUP]
@@ -178,7 +185,7 @@ def refuse_overlaps(
     for a, b in _overlaps(group, others, allowed):
         # An arm that is in a box is so with many links: it takes long to measure them all, and one of them is told.
         if not faults.tells_of(*_pointers(a, b)):
-            faults.add(BodiesOverlap(a, b, when))
+            faults.add(BodiesOverlap(a, b, when, measured=len(faults) < MOST_MEASURED))
     faults.raise_any()
 
 
@@ -221,7 +228,7 @@ def refuse_inside(
     for body, part in _near(bodies, cell, 0.0):
         allowed = TOUCHING + excess.get(body.name, 0.0) + excess.get(part.name, 0.0) + _ROUNDING
         if _box_depth(body, part) > allowed and (deep := depth(body, part)) > allowed:
-            faults.add(BodyInCell(body, part, deep, when))
+            faults.add(BodyInCell(body, part, deep, when, measured=len(faults) < MOST_MEASURED))
     faults.raise_any()
 
 

@@ -74,7 +74,7 @@ def find_cell(name: str, cells: Mapping[str, Cell] | None, needed: NeededHands) 
     find = load_cell if cells is None else cells.__getitem__
 
     def fits(cell: Cell) -> bool:
-        return (len(cell.gripper_arms), len(cell.pusher_arms)) == (needed.grippers, needed.sticks)
+        return needed.fit(len(cell.gripper_arms), len(cell.pusher_arms))
 
     found = find(name) if name in known else None
     if found is None or not fits(found):

@@ -196,7 +196,7 @@ def test_an_obstacle_may_touch_a_part_of_the_cell_and_reach_a_millimetre_into_it
     assert f"block is {1e3 * deep:.4g} mm deep in {part}" in str(caught.value)
 
 
-MOVED = re.compile(r"moved ([0-9.]+) mm towards ([+-])([xyz]), (\w+) is clear of (\w+)$")
+MOVED = re.compile(r"moved ([0-9.]+) mm towards the world's ([+-])([xyz]), (\w+) is clear of (\w+)$")
 
 
 def test_what_overlaps_is_told_how_deep_and_a_move_that_parts_it(build):

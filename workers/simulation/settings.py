@@ -173,8 +173,9 @@ class SimulationSettings:
 
         What belongs to sensors, servos and whoever operates the lifter stays, and so do the slips that are a failure.
         """
-        cell, push = scene.cell, scene.hand_force_limit.normal
-        gripper, pusher = cell.gripper(cell.gripper_arms[0]), cell.arms[cell.pusher_arms[0]].hand
+        cell, limit, arm = scene.cell, scene.hand_force_limit, scene.cell.pusher_arms[0]
+        push = min(limit.normal, limit.net, cell.payload_force(arm))
+        gripper, pusher = cell.gripper(cell.gripper_arms[0]), cell.arms[arm].hand
         assert isinstance(pusher, Pusher)
         return replace(
             resized(cls(), cell.size, "headroom"),

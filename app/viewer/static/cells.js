@@ -62,7 +62,7 @@ async function show(cell) {
   byId("sentences").replaceChildren();
   for (const id of ["lift", "move"]) byId(id).hidden = true;
   byId("noted").hidden = true;
-  const figures = await call(cell.links.survey);
+  const figures = await call(cell.links.survey).catch((error) => shown === cell.id && Promise.reject(error));
   if (shown !== cell.id) return;
   byId("looking").hidden = true;
   byId("sentences").replaceChildren(...figures.sentences.map((textContent) => element("li", { textContent })));

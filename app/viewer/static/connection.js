@@ -115,7 +115,8 @@ class Connection {
   async lost(event) {
     Object.assign(this, { ready: false, busy: false, queue: [], waiting: null });
     const { words, fault, again } = await lossOf(event);
-    this.broken = fault;
+    // Who asks for something then is answered by a new connection, or told again why there is none.
+    this.broken = !again;
     if (fault) this.onfault(words);
     else this.onlost(words);
     if (again) setTimeout(() => this.connect(), 1500);

@@ -654,7 +654,13 @@ class Fields {
     return ["x", "y", "z"].map((axis, index) => this.number({
       label: `${label}, ${axis}`, pointer: `${pointer}/${index}`, ...MM, optional: true,
       read: () => this.value(pointer)?.[index],
-      write: (value) => (value === null ? this.draft.remove(pointer) : this.draft.set(pointer, Object.assign([...now()], { [index]: value }))),
+      // An empty field has the length that is taken for it; all three are left out where none is another.
+      write: (value) => {
+        const usual = this.preset(pointer) ?? [0, 0, 0];
+        const lengths = Object.assign([...now()], { [index]: value ?? usual[index] });
+        if (value === null && lengths.every((length, i) => length === usual[i])) this.draft.remove(pointer);
+        else this.draft.set(pointer, lengths);
+      },
     }));
   }
 
