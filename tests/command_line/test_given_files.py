@@ -81,3 +81,12 @@ def test_a_file_in_place_of_the_name_of_a_cell_is_sent_where_files_are_taken(
 def test_the_name_of_what_is_shipped_in_place_of_a_file_is_known(refusal: Said) -> None:
     assert "`liftwright cell show dual_ur3e_lift`" in refusal("cell", "check", "dual_ur3e_lift")
     assert refusal("plan", "ab1").endswith(str(ROOT / "assets/tasks/ab1.json"))
+
+
+def test_a_cell_may_be_called_as_the_folder_is_that_lies_beside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert main(["cell", "show", "mine", "--data-dir", str(tmp_path / "data")]) != 0
+    assert "there is no cell 'mine'" in capsys.readouterr().err

@@ -40,6 +40,13 @@ def test_the_papers_lifts_have_the_physics_that_is_written_down(name: str) -> No
     assert SimulationSettings.of(lift_scene(name)) == SimulationSettings()
 
 
+@pytest.mark.parametrize("careful", [{"hand_force_limit": {"normal": 5.0, "net": 8.0}}, {"friction": {"eps": 0.002}}])
+def test_hands_of_a_careful_task_have_the_same_rubber(careful: dict[str, dict[str, float]]) -> None:
+    scene = build_scene(read_task({**task("ab1.json"), **careful}))
+    assert isinstance(scene, PlateLiftScene)
+    assert SimulationSettings.of(scene) == SimulationSettings()
+
+
 def hertz(radius: float, depth: float) -> float:
     """Return the force on a ball pressed into a plane so deep, of some rubber: F ~ √R d^(3/2)."""
     return radius**0.5 * depth**1.5

@@ -445,6 +445,12 @@ def test_a_centre_of_mass_and_joints_at_the_beginning_are_typed_and_left_to_the_
     assert made["plate"]["com"] == [0, 0.004, 0]
     half_turn = [math.radians(each) for each in (90, -90, 0, 0, 0, 0, 180, 0, 0, 0, 0, -45)]
     assert made["start_positions"] == pytest.approx(half_turn)
+    # What is typed on the way to a number leaves the others as they are.
+    page.locator("#field-plate-com-0").press("Control+a")
+    page.locator("#field-plate-com-0").press_sequentially("-5")
+    assert draft(page)["plate"]["com"] == [-0.005, 0.004, 0]
+    page.locator("#field-plate-com-0").fill("")
+    assert draft(page)["plate"]["com"] == [0, 0.004, 0]
     page.locator("#field-plate-com-1").fill("")
     joints.fill("")
     assert draft(page).keys() & {"start_positions"} == set()

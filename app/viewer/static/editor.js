@@ -654,11 +654,10 @@ class Fields {
     return ["x", "y", "z"].map((axis, index) => this.number({
       label: `${label}, ${axis}`, pointer: `${pointer}/${index}`, ...MM, optional: true,
       read: () => this.value(pointer)?.[index],
-      // An empty field has the length that is taken for it; all three are left out where none is another.
+      // A field that is emptied, or has but a sign yet, is 0 while another is not; none is left out alone.
       write: (value) => {
-        const usual = this.preset(pointer) ?? [0, 0, 0];
-        const lengths = Object.assign([...now()], { [index]: value ?? usual[index] });
-        if (value === null && lengths.every((length, i) => length === usual[i])) this.draft.remove(pointer);
+        const lengths = Object.assign([...now()], { [index]: value ?? 0 });
+        if (value === null && lengths.every((length) => length === 0)) this.draft.remove(pointer);
         else this.draft.set(pointer, lengths);
       },
     }));
