@@ -67,7 +67,7 @@ def test_shipped_tasks_that_have_a_plan_are_executed_to_their_end(shelf: PlanShe
         if isinstance(physics, PhysicalLift):
             assert_on_plate_as_planned(schedule, recordings)
             assert physics.untracked
-            admittance = HandAdmittance()
+            admittance = schedule.admittance
             # What the leak leaves of the largest correction, and what a sensor's noise does.
             most = admittance.leak * admittance.damping * admittance.largest_correction + 1.0
             assert all(np.median(off) < most for off in physics.untracked.values())
