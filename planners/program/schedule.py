@@ -165,7 +165,7 @@ class Schedule:
         assert isinstance(task, PlateLiftTask)
         hands = self.plan.cell.hands.items()
         arm, stick = next((arm, hand) for arm, hand in hands if isinstance(hand, StickDocument))
-        limit, spare = task.hand_force_limit, self._spare_force(arm)
+        limit, spare = task.hand_force_limit, _spare_force(self.plan, arm)
         push = min(limit.normal, limit.net, math.inf if spare is None else spare)
         return HandAdmittance.of(stick.tip_radius, push, task.friction.eps)
 
@@ -305,14 +305,15 @@ class _StepReader:
 
         The controller takes off what it is told to be the payload, so that what is carried is not felt.
         """
-        return (self._spare_force(arm) or 0.0) + FORCE_ALLOWANCE
+        return (_spare_force(self.plan, arm) or 0.0) + FORCE_ALLOWANCE
 
-    def _spare_force(self, arm: ArmName) -> float | None:
-        """Return what the arm's payload leaves beside the hand [N]; None where the document does not tell."""
-        robot, hand = self.plan.cell.arms[arm], self.plan.cell.hands[arm]
-        if robot.payload is None or hand.mass is None:
-            return None
-        return (robot.payload - hand.mass) * float(np.linalg.norm(self.plan.cell.gravity))
+
+def _spare_force(plan: Plan, arm: ArmName) -> float | None:
+    """Return what an arm's payload leaves beside its hand [N]; None where the document does not tell."""
+    robot, hand = plan.cell.arms[arm], plan.cell.hands[arm]
+    if robot.payload is None or hand.mass is None:
+        return None
+    return (robot.payload - hand.mass) * float(np.linalg.norm(plan.cell.gravity))
 
 
 def in_base(wrenches: Array, T_world_base: Transform) -> Array:
