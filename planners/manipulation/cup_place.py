@@ -103,7 +103,7 @@ class CupPlaceSearch:
             `MOST_PLANS` places that leave a way, or where none does the one that came farthest; none at all where it is
             proven that there is no plan wherever the cup sits.
         """
-        if PlateLiftPlanner(scene, self._settings, self._progress).proof() is not None:
+        if PlateLiftPlanner(scene, self._settings, self._progress).proof(explained=False) is not None:
             return []
         step = cup_step(scene.plate, scene.cup.radius)
         ranked = self._ranked(scene.plate, scene.cup.radius, step)

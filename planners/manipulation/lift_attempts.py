@@ -52,7 +52,7 @@ def plan_lift(
         explained: whether to look for the causes where nothing is found; that takes balances of its own.
     """
     planner = PlateLiftPlanner(scene, settings, progress, memory)
-    plan = planner.plan(explained=explained and settings.reserve == 0.0)
+    plan = planner.proof(explained=explained) or planner.plan(explained=explained and settings.reserve == 0.0)
     if plan.outcome is PlanningOutcome.NOT_FOUND and not planner.fits and _thinning(planner) >= settings.least_thinning:
         return _thinned(planner, settings, progress, memory, persistent=persistent, explained=explained)
     if plan.outcome is PlanningOutcome.SOLVED and settings.most_reserve:

@@ -98,7 +98,7 @@ class PlateLiftPlanner:
             return too_large(self.sampling, self.record.rejections, self.reach.edge_count)
         return self.planned(self.begin(), explained=explained, thorough=explained)
 
-    def proof(self, *, explained: bool = False) -> LiftPlan | None:
+    def proof(self, *, explained: bool = True) -> LiftPlan | None:
         """Return the answer where it takes no search: that there is no plan. None where a search has to tell.
 
         If `explained`, it is looked for what would be enough; that takes balances of its own.

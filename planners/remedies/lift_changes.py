@@ -165,7 +165,7 @@ class LiftChanges:
             return [self._with_forces(self._best_cup_places()), *forces[1:]] if self._place_is_open else forces
         if planner.out_of_reach() is not None:
             return [self._plate_place()]
-        if planner.proof() is not None:
+        if planner.proof(explained=False) is not None:
             return []
         if self._is_too_thin:
             return [self._board(), self._to_the_edge(), self._given_holds()]
@@ -205,7 +205,7 @@ class LiftChanges:
             return self._on_a_board()
         if not self._planner.capacity().suffices:
             return [] if self._place_is_open else [self._with_forces(self._best_cup_places())]
-        if self._planner.proof() is not None:
+        if self._planner.proof(explained=False) is not None:
             return []
         return [self._with_forces(each) for each in (self._first_cup_places(), self._first_plate_places())]
 
@@ -292,7 +292,7 @@ class LiftChanges:
         self._effort.tried.add(change.kind)
         planner = self._planner.with_limits(scene) if forces else self._planner_of(scene)
         self._effort.take(_STEPS_OF_ASKING)
-        if planner.proof() is not None or not planner.fits:
+        if planner.proof(explained=False) is not None or not planner.fits:
             return False
         if not forces:
             self._effort.take(_STEPS_OF_REACH)

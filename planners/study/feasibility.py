@@ -61,7 +61,7 @@ class FeasibilityExaminer:
             # The last one knows the way that was found last, which most likely is one still.
             planner = self._kept[1].with_limits(scene)
         self._kept = moves, planner
-        proof = planner.proof()
+        proof = planner.proof(explained=False)
         if proof is not None:
             return Feasibility(None, proof.summary)
         if not planner.fits:
