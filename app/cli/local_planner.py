@@ -6,8 +6,10 @@ import hashlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
+from weakref import finalize
 
 from pydantic import ValidationError
 
@@ -81,12 +83,13 @@ class LocalPlanner:
 
         check_given(path, FileKind.CELL)
         refuse_other_file(path, FileKind.CELL)
-        # Where it is unpacked is read as long as tasks are planned.
-        self._unpacked = TemporaryDirectory(prefix="liftwright-cell-")
+        # Where it is unpacked is read as long as tasks are planned, and goes with who plans them.
+        unpacked = Path(mkdtemp(prefix="liftwright-cell-"))
+        finalize(self, rmtree, unpacked, ignore_errors=True)
         try:
             bundle = CellBundle.read(path)
-            self._cell_folder = bundle.unpack(Path(self._unpacked.name))
-            cell = load_checked(bundle, Path(self._unpacked.name))
+            self._cell_folder = bundle.unpack(unpacked)
+            cell = load_checked(bundle, unpacked)
         except AssetError as error:
             raise BadInput(f"{path}:\n{error}") from error
         if cell.name in self._cells:
