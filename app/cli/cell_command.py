@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
-from app.cli.given_file import FileKind, check_given, refuse_other_file
+from app.cli.given_file import check_cell_path
 from app.cli.output import BadInput, refuse
 from app.cli.service_client import ServiceClient, ServiceRefused
 from app.errors import CellIsShipped, ServiceError
@@ -82,8 +82,7 @@ def _read(path: Path) -> CellBundle:
         BadInput: There is no such file, or it is something else.
         OSError: It cannot be read.
     """
-    check_given(path, FileKind.CELL)
-    refuse_other_file(path, FileKind.CELL)
+    check_cell_path(path)
     return CellBundle.read(path)
 
 

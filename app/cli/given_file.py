@@ -68,21 +68,22 @@ def refuse_other(content: object, named: str, wanted: FileKind) -> None:
         raise BadInput(f"{named} is {kind.value}, not {wanted.value}; {_ADVICE[kind](named)}")
 
 
-def refuse_other_file(path: Path, wanted: FileKind) -> None:
-    """Refuse a file as `refuse_other` does; what is no file, or has another format, passes.
+def check_cell_path(path: Path) -> None:
+    """Refuse what is no folder or file of a cell; what has another format than JSON and YAML passes.
 
     Raises:
-        BadInput: As there.
+        BadInput: There is nothing, or something else.
         OSError: It cannot be read.
     """
-    if not path.is_file():
+    check_given(path, FileKind.CELL)
+    if path.is_dir():
         return
+    content, is_yaml = path.read_bytes(), path.suffix.lower() in YAML_SUFFIXES
     try:
-        content = path.read_bytes()
-        is_yaml = path.suffix.lower() in YAML_SUFFIXES
-        refuse_other(parse_yaml(content)[0] if is_yaml else parse_json(content, "the file"), str(path), wanted)
+        read = parse_yaml(content)[0] if is_yaml else parse_json(content)
     except (NotJson, NotYaml):
         return
+    refuse_other(read, str(path), FileKind.CELL)
 
 
 def read_given(named: str, wanted: FileKind) -> bytes:

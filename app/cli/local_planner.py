@@ -13,7 +13,7 @@ from weakref import finalize
 
 from pydantic import ValidationError
 
-from app.cli.given_file import FileKind, check_given, refuse_other_file
+from app.cli.given_file import check_cell_path
 from app.cli.output import BadInput, ProgressBar, Refused
 from app.cli.plan_command import Planned
 from app.cli.task_file import TaskFile
@@ -81,8 +81,7 @@ class LocalPlanner:
         from planners.cell.bundle import CellBundle
         from planners.survey.faults import load_checked
 
-        check_given(path, FileKind.CELL)
-        refuse_other_file(path, FileKind.CELL)
+        check_cell_path(path)
         # Where it is unpacked is read as long as tasks are planned, and goes with who plans them.
         unpacked = Path(mkdtemp(prefix="liftwright-cell-"))
         finalize(self, rmtree, unpacked, ignore_errors=True)

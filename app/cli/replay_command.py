@@ -34,9 +34,11 @@ def replay_files(path: Path, log: Path, site: Path | None, out: Path | None) -> 
     """
     document = read_given(str(path), FileKind.PLAN)
     try:
-        refuse_other(parse_json(document, str(path)), str(path), FileKind.PLAN)
         plan, executed = Plan.read(document), ExecutedMotion.read(log)
-    except (NotJson, ValidationError) as error:
+    except NotJson as error:
+        raise BadInput(f"{path} is not a plan document") from error
+    except ValidationError as error:
+        refuse_other(parse_json(document), str(path), FileKind.PLAN)
         raise BadInput(f"{path} is not a plan document") from error
     except NotALog as error:
         raise BadInput(str(error)) from error

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import clarabel
 import numpy as np
@@ -19,35 +18,21 @@ _NOTHING = 1e-6
 """Pulls below this have no place [N]."""
 
 
-@dataclass(frozen=True)
-class Relaxed:
-    """The least by which one limit has to give way for a plate to be held in one pose by one hold."""
-
-    cup_force: float | None
-    """More force of the cup [N]; None: no force of it would do."""
-    cup_shift: tuple[float, float] | None
-    """Another place of the cup, from where it is, in plate axes [m]; None: no place would do."""
-
-
-def relaxed(program: ConeProgram) -> Relaxed:
-    """Relax the cup's largest force, then its place, each alone.
-
-    A cup that pulls with f along the plate's normal exerts, moved by d, the moment d x f more. The program that has
-    this moment free, about the two axes in the plate's plane, is convex; the place follows from moment and pull. The
-    moment of the cup's friction about the normal is left out: whoever moves the cup asks again.
-    """
-    return Relaxed(least_force(program), _least_shift(program))
-
-
 def least_force(program: ConeProgram) -> float | None:
-    """Return how much more a cup has to pull at the least [N]; None: no force of it would do."""
+    """Return how much more a cup has to pull at the least for a plate to be held [N]; None: no force of it would do."""
     given = np.zeros((len(program.offsets), 1))
     given[_limit_of_pull(program)] = 1.0
     found = _least(program, np.zeros((6, 1)), given, [clarabel.NonnegativeConeT(1)], np.ones((1, 1)))
     return None if found is None else float(found[-1])
 
 
-def _least_shift(program: ConeProgram) -> tuple[float, float] | None:
+def least_shift(program: ConeProgram) -> tuple[float, float] | None:
+    """Return the nearest other place of the cup, from where it is, in plate axes [m]; None: no place would do.
+
+    A cup that pulls with f along the plate's normal exerts, moved by d, the moment d x f more. The program that has
+    this moment free, about the two axes in the plate's plane, is convex; the place follows from moment and pull. The
+    moment of the cup's friction about the normal is left out: whoever moves the cup asks again.
+    """
     # The norm of the moment, which is to be least, and the moment.
     about = np.zeros((6, 3))
     about[3, 1] = about[4, 2] = 1.0 / TORQUE_LENGTH

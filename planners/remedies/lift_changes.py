@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from planners.balance.cone_program import ConeProgram
-from planners.balance.relaxed_balance import relaxed
+from planners.balance.relaxed_balance import least_shift
 from planners.contract.shapes import Box
 from planners.contract.task_change import PatchOperation
 from planners.contract.task_spec import Obstacle, PlateLiftTask, Support
@@ -384,7 +384,7 @@ class LiftChanges:
         """Places where the relaxed programs want the cup, and around the stated one and the centre of mass."""
         stated, com = np.array(self.task.cup.place), self.scene.plate.com[:2]
         offset = stated - com
-        wanted = [relaxed(program).cup_shift for program in self._cut]
+        wanted = [least_shift(program) for program in self._cut]
         shifts = [scale * np.array(shift) for shift in wanted if shift is not None for scale in (1.0, 1.3)]
         shifts += [(scale - 1.0) * offset for scale in _SCALES]
         quarter = np.array([[0.0, -1.0], [1.0, 0.0]])

@@ -46,7 +46,7 @@ let wantedScene = wanted ? null : new URLSearchParams(location.search).get("scen
 /** The study from which the plan was opened, or of which it plans a point: its map is painted onto the plate. */
 let study = wanted ? new URLSearchParams(location.search).get("study") : null;
 /** That from which it was opened, alone: of no other's map it has to be told why it cannot be painted. */
-let askedStudy = study;
+const askedStudy = study;
 let studyEvents = null;
 let repainting = 0;
 let loaded = null;
@@ -92,7 +92,6 @@ connection.onplan = (description, planned) => {
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);
   player.open(description);
-  askedStudy = study;
   study ??= planned;
   if (study) connection.paint(study);
   if (moment) player.visitMoment(moment);
@@ -117,7 +116,7 @@ connection.onpainted = (painted) => {
 connection.onpoint = (clicked, index) => clicked === study && openPoint(index);
 connection.onrefused = ({ plan, scene, study: refused, detail }) => {
   // Nobody asked for the map of the study that a plan comes from; it may be none that can be painted.
-  if (refused && refused === study) player.panel.tellStudy({ study, refusal: askedStudy ? detail : "The plan is of a point of a study." });
+  if (refused && refused === study) player.panel.tellStudy({ study, refusal: study === askedStudy ? detail : "The plan is of a point of a study." });
   if (scene && scene === wantedScene) say("Nothing to show", detail);
   if (plan && plan === wanted) say(...whyNot(plans.find(({ id }) => id === plan), detail));
 };
