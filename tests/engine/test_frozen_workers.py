@@ -118,6 +118,25 @@ def test_a_look_asks_no_more_where_many_work_than_where_few_do(tmp_path: Path) -
         assert many == few
 
 
+@needs_postgres
+@pytest.mark.slow
+def test_a_job_that_a_frozen_worker_was_writing_holds_up_nobody_who_takes_over_the_others(tmp_path: Path) -> None:
+    with running_postgres() as server, ExitStack() as to_close:
+        settings = WorkerSettings.model_validate({"data_dir": tmp_path, "database_url": server.url})
+        database = to_close.enter_context(closing(open_database(settings)))
+        queue = to_close.enter_context(closing(JobQueue(database)))
+        written, other = (accept(PlanStore(database), task(), None, queue).id for _ in range(2))
+        for plan in (written, other):
+            hand_over(database, plan, "frozen")
+        jobs = workflow_table(database.engine.dialect.name)
+        with database.engine.begin() as frozen:
+            frozen.execute(jobs.update().where(jobs.c.workflow_uuid == written).values(updated_at=1))
+            assert queue.begin_anew("frozen", [written, other]) == 1
+            assert queue.running() == {"frozen": {written}}
+        assert queue.begin_anew("frozen", [written, other]) == 1
+        assert queue.running() == {}
+
+
 @contextmanager
 def counted(lock: AdvisoryLock) -> Iterator[list[str]]:
     """Have what is asked on a lock's connection noted for the time of a block."""

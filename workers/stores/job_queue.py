@@ -524,17 +524,24 @@ class JobQueue:
     def begin_anew(self, worker: str, plan_ids: Collection[str]) -> int:
         """Put running jobs back into the queue if they still belong to `worker`, and return how many did.
 
-        Whoever runs one of them at that moment no longer owns it: the engine refuses its result.
+        Whoever runs one of them at that moment no longer owns it: the engine refuses its result. One that is being
+        written is left for the next time: a process that was frozen within a transaction holds its row until the server
+        ends the session, and who waits for that cannot prove meanwhile that it lives itself.
         """
         if not plan_ids:
             return 0
-        taken = (
-            sa.update(self._jobs)
+        lost = (
+            sa.select(self._jobs.c.workflow_uuid)
             .where(
                 self._jobs.c.workflow_uuid.in_(sorted(plan_ids)),
                 self._jobs.c.status == RUNNING,
                 self._jobs.c.executor_id == worker,
             )
+            .with_for_update(skip_locked=True)
+        )
+        taken = (
+            sa.update(self._jobs)
+            .where(self._jobs.c.workflow_uuid.in_(lost))
             .values(status=ENQUEUED, owner_xid=None, started_at_epoch_ms=None, updated_at=_now_ms())
         )
         with self._database.engine.begin() as transaction:
