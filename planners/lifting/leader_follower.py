@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
 from planners.errors import LiftwrightError
 
@@ -61,8 +60,8 @@ class LeaderFollower:
     V_d acts as an integral of E that ends where the hands' own limits end it, and holds nothing against height: the
     paper's K_d, which would, is left out. V_d changes slowly, and M_d V_d' is left out as well.
 
-    Discretised exactly for an E that is held over one period: the matrix exponential of the law, not a difference
-    quotient, so that the law behaves the same at any sampling rate. Where V would become negative the hands stop, and
+    Discretised exactly for an E that is held over one period, not by a difference quotient, so that the law behaves the
+    same at any sampling rate. Where V would become negative the hands stop, and
     where it would exceed what the arms can make it stays there. What is remembered is the velocity that the hands
     have, not the one they were refused: nothing winds up while a limit acts.
     """
@@ -71,11 +70,18 @@ class LeaderFollower:
         """Prepare the law."""
         self.gains = gains or FollowerGains()
         g = self.gains
-        # d/dt [V, V_d, E] = A [V, V_d, E]
-        A = np.zeros((3, 3))
-        A[0] = np.array([-g.damping, g.damping, 1.0]) / g.inertia
-        A[1, :2] = np.array([1.0, -1.0]) / g.memory
-        self.discrete = expm(A * g.period)[:2]
+        # The gap V - V_d decays at one rate: (V - V_d)' = E / M_d - rate (V - V_d). All else is its integral.
+        stiffness, recall = g.damping / g.inertia, 1.0 / g.memory
+        rate = stiffness + recall
+        # Over a period: of a gap that is 1 m/s at its begin [s], and of the gap that an E of 1 N opens [m].
+        gap = -math.expm1(-rate * g.period) / rate
+        pushed = (g.period - gap) / (rate * g.inertia)
+        self.discrete = np.array(
+            [
+                [1.0 - stiffness * gap, stiffness * gap, g.period / g.inertia - stiffness * pushed],
+                [recall * gap, 1.0 - recall * gap, recall * pushed],
+            ]
+        )
         """(2, 3): takes [V, V_d, E] to [V, V_d] one period later."""
         self._kept = math.exp(-g.period / g.memory)
 
