@@ -78,7 +78,15 @@ class AccessControl:
             return
         connection.setdefault("state", {})["caller"] = caller
         if caller is not None and changes_something(method, request.url.path):
-            send = _audited(authenticator, caller, request, method, send)
+            audited = _audited(authenticator, caller, request, method, send)
+            try:
+                await self._app(connection, receive, audited)
+            except Exception:
+                # A fault that nobody has foreseen is answered outside of this; what was done before it is done.
+                if not getattr(request.state, KEPT, False):
+                    await write_audit(authenticator, caller, request, method, 500)
+                raise
+            return
         await self._app(connection, receive, send)
 
     async def _refuse(
@@ -184,6 +192,7 @@ def _audited(authenticator: Authenticator, caller: Caller, request: HTTPConnecti
         if message["type"] == "http.response.start" and not getattr(request.state, KEPT, False):
             made = Headers(raw=message["headers"]).get("location", "")
             await write_audit(authenticator, caller, request, method, message["status"], made)
+            setattr(request.state, KEPT, True)
         await send(message)
 
     return send_and_keep

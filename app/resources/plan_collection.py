@@ -214,8 +214,9 @@ class PlanCollection:
         plan = self.plan(plan_id)
         if not plan.done:
             raise NotFinished(plan.state)
-        self.store.delete(plan_id)
+        # The job first: a plan without a job is found again by whoever deletes what is old.
         self.queue.forget(plan_id)
+        self.store.delete(plan_id)
 
     def _with_job(self, record: PlanRecord) -> PlanResource:
         jobs = self.queue.jobs([record.id])

@@ -6,6 +6,7 @@ connection drops finds the scene as it was.
 
 from __future__ import annotations
 
+import fcntl
 import gzip
 import os
 import re
@@ -281,6 +282,45 @@ def recording_of_document(packed: bytes, cell: Cell, drawings: Path) -> str:
     return recording_of(Playback(Plan.read(gzip.decompress(packed))), cell, LinkMeshes(drawings))
 
 
+class ToldAddress:
+    """Where a scene is served, told to other processes in a file that stays locked for as long as it is served.
+
+    The kernel gives the lock back when this process ends, however it does: the number of a process that is gone may be
+    another one's by then.
+    """
+
+    def __init__(self, path: Path, address: str) -> None:
+        """Tell an address."""
+        self._path = path
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX)
+            os.write(self._descriptor, address.encode())
+        except BaseException:
+            self.withdraw()
+            raise
+
+    def withdraw(self) -> None:
+        """Nothing is served there any more."""
+        try:
+            self._path.unlink(missing_ok=True)
+        finally:
+            os.close(self._descriptor)
+
+    @staticmethod
+    def read(path: Path) -> str | None:
+        """Return the address that a file tells; None: there is none, or nobody serves it any more."""
+        try:
+            with path.open("rb") as told:
+                try:
+                    fcntl.flock(told, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    return told.read().decode() or None
+        except FileNotFoundError:
+            return None
+        return None
+
+
 class SceneServers:
     """All that watchers share: cells, drawings of their robots; and a server for each who watches."""
 
@@ -307,6 +347,7 @@ class SceneServers:
         self._drawings, self._bench = folder, bench
         self._meshes = LinkMeshes(folder)
         self._servers: dict[str, SceneServer] = {}
+        self._told: dict[str, ToldAddress] = {}
         self._room = room
         self._entered = Counter[str | None]()
         """How many servers each owner has, those included that are being opened."""
@@ -330,7 +371,7 @@ class SceneServers:
             raise
         self._servers[server.key] = server
         try:
-            (self._addresses / server.key).write_text(f"{os.getpid()} {server.address}")
+            self._told[server.key] = ToldAddress(self._addresses / server.key, server.address)
         except OSError:
             # Nobody could find the scene, and nobody else would give its place back.
             await self.leave(server)
@@ -342,7 +383,8 @@ class SceneServers:
         if self._servers.pop(server.key, None) is not None:
             self._entered[server.owner] -= 1
         try:
-            (self._addresses / server.key).unlink(missing_ok=True)
+            if (told := self._told.pop(server.key, None)) is not None:
+                told.withdraw()
         finally:
             await run_in_threadpool(server.close)
 
@@ -354,12 +396,7 @@ class SceneServers:
         """Return where the scene of a key is served, by whichever process its watcher came to; None: it is closed."""
         if not KEY.fullmatch(key):
             return None
-        try:
-            process, _, address = (self._addresses / key).read_text().partition(" ")
-            os.kill(int(process), 0)
-        except (FileNotFoundError, ProcessLookupError, ValueError):
-            return None
-        return address
+        return ToldAddress.read(self._addresses / key)
 
     def set_detail(self, server: SceneServer, detail: Detail) -> None:
         """Have a server draw so much from now on, and a cell at once where it shows nothing yet. Blocks."""

@@ -273,7 +273,7 @@ async def watch(
         async def answer(text: str) -> None:
             request = REQUESTS.validate_json(text)
             work = _answer(servers, server, visible_now, request, told)
-            await outbox.send(await or_told(request, WORDS[request.type], work))
+            await send_if_heard(outbox, await or_told(request, WORDS[request.type], work))
 
         async with outbox, anyio.create_task_group() as tasks:
             tasks.start_soon(send_on, sent, socket)
@@ -330,6 +330,14 @@ async def _receive_text(socket: WebSocket) -> str | None:
     if message["type"] == "websocket.disconnect":
         raise WebSocketDisconnect(message["code"])
     return message.get("text")
+
+
+async def send_if_heard(outbox: MemoryObjectSendStream[PageAnswer], answer: PageAnswer) -> None:
+    """Put an answer behind those that wait for a page, once there is room for it; nowhere if the page has gone."""
+    try:
+        await outbox.send(answer)
+    except anyio.BrokenResourceError:
+        log.debug("nobody listens any more")
 
 
 async def send_on(sent: MemoryObjectReceiveStream[PageAnswer], socket: WebSocket) -> None:
@@ -415,8 +423,8 @@ async def _opened(
     visible_now: Callable[[], Awaitable[Visible]],
     request: OpenPlan | OpenPerceived,
 ) -> PageAnswer:
-    visible = await visible_now()
     try:
+        visible = await visible_now()
         if isinstance(request, OpenPlan):
             plan = await run_in_threadpool(servers.open, server, visible.plans, request.plan)
             study = (await run_in_threadpool(visible.plans.plan, request.plan)).study_id
@@ -441,7 +449,7 @@ async def _painted(
     try:
         known = await run_in_threadpool((await visible_now()).studies.map, study)
         point = await run_in_threadpool(server.paint, known, told)
-    except (StudyNotFound, MapNotPainted) as error:
+    except (StudyNotFound, MapNotPainted, TooManyRequests) as error:
         return refusal(request, str(error))
     return PaintedStudy(study, point, known.count, known.outcomes)
 

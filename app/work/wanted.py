@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self, TypeVar
 
-from anyio import CapacityLimiter, to_thread
+from anyio import CancelScope, CapacityLimiter, to_thread
 from starlette.requests import ClientDisconnect, Request
 
 Worked = TypeVar("Worked")
@@ -50,6 +50,30 @@ class StillWanted:
                 os.close(self._held)
 
 
+class _Turn:
+    """The turn of some work that waits for it in another thread: it is taken once, or given up before."""
+
+    def __init__(self) -> None:
+        self._lock, self._taken, self._given_up = threading.Lock(), False, False
+
+    def take(self) -> None:
+        """Begin to work.
+
+        Raises:
+            NobodyWaits: It was given up.
+        """
+        with self._lock:
+            if self._given_up:
+                raise NobodyWaits
+            self._taken = True
+
+    def give_up(self) -> bool:
+        """Have nothing begun any more; tell whether that was in time."""
+        with self._lock:
+            self._given_up = not self._taken
+            return self._given_up
+
+
 async def left(request: Request) -> None:
     """Return once whoever has sent a request, all of which was read, is gone."""
     while (await request.receive())["type"] != "http.disconnect":
@@ -62,8 +86,14 @@ async def while_waited_for(request: Request, work: Callable[[StillWanted], Worke
     Raises:
         ClientDisconnect: They have gone; nothing works any more.
     """
+    turn = _Turn()
+
+    def begin(wanted: StillWanted) -> Worked:
+        turn.take()
+        return work(wanted)
+
     with StillWanted() as wanted:
-        working = asyncio.ensure_future(to_thread.run_sync(work, wanted, limiter=limiter))
+        working = asyncio.ensure_future(to_thread.run_sync(begin, wanted, limiter=limiter))
         gone = asyncio.create_task(left(request))
         try:
             await asyncio.wait((working, gone), return_when=asyncio.FIRST_COMPLETED)
@@ -74,8 +104,10 @@ async def while_waited_for(request: Request, work: Callable[[StillWanted], Worke
             gone.cancel()
             wanted.no_longer()
             if not working.done():
-                # It may wait for its turn; else it ends by itself now.
-                working.cancel()
-                await asyncio.wait([working])
+                if turn.give_up():
+                    working.cancel()
+                # Whoever works needs the pipe to its end, and takes a place of the limiter as long.
+                with CancelScope(shield=True):
+                    await asyncio.wait([working])
                 if not working.cancelled():
                     working.exception()

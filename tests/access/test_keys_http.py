@@ -20,6 +20,7 @@ from app.access.access_control import PUBLIC
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key, list_keys, revoke_key
 from app.create_app import PARTS
+from app.resources.plan_collection import PlanCollection
 from tests.support.scan_frames import shipped
 
 PROBLEM = "application/problem+json"
@@ -239,6 +240,20 @@ def test_what_a_scope_forbids_is_in_the_audit_log(service: GuardedService) -> No
         reader.delete("/v1/plans/some")
         (entry,) = admin.get("/v1/audit", params={"page_size": 1}).json()["entries"]
         assert (entry["action"], entry["target"], entry["status"]) == ("DELETE", "/v1/plans/some", 403)
+
+
+def test_what_a_fault_has_interrupted_is_in_the_audit_log(
+    service: GuardedService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("nobody has foreseen this")
+
+    with service.client("writer") as writer, service.client("admin") as admin:
+        plan = posted(writer)
+        monkeypatch.setattr(PlanCollection, "delete", fail)
+        assert writer.delete(plan["links"]["self"]).status_code == 500
+        told = admin.get("/v1/audit", params={"page_size": 2}).json()["entries"]
+        assert [(entry["action"], entry["status"]) for entry in told] == [("DELETE", 500), ("POST", 202)]
 
 
 @pytest.mark.parametrize(

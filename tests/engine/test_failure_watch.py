@@ -42,8 +42,8 @@ def test_jobs_that_the_engine_gave_up_or_saw_end_by_an_error_are_counted_once(
     for _ in range(2):
         count_failures(store)
         assert counted(store) == {"error": 1, "interruptions": 2}
-    store.delete(plans[0])
     queue.forget(plans[0])
+    store.delete(plans[0])
     count_failures(store)
     assert counted(store) == {"error": 1, "interruptions": 2}
 

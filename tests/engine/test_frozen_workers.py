@@ -25,6 +25,7 @@ from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
 from workers.stores.plan_store import PlanStore
+from workers.stores.totals import TAKEOVER, add_to_total
 
 SOON = {"watch_seconds": 0.1, "patience_seconds": 0.3, "frozen_seconds": 1.0}
 
@@ -132,6 +133,10 @@ def test_a_job_that_a_frozen_worker_was_writing_holds_up_nobody_who_takes_over_t
         with database.engine.begin() as frozen:
             frozen.execute(jobs.update().where(jobs.c.workflow_uuid == written).values(updated_at=1))
             assert queue.begin_anew("frozen", [written, other]) == 1
+            assert queue.running() == {"frozen": {written}}
+        with database.engine.begin() as counting:
+            add_to_total(counting, TAKEOVER)
+            assert queue.begin_anew("frozen", [written, other]) == 0
             assert queue.running() == {"frozen": {written}}
         assert queue.begin_anew("frozen", [written, other]) == 1
         assert queue.running() == {}

@@ -50,6 +50,19 @@ def test_a_mark_stands_while_nothing_changes(settings: WorkerSettings, source: P
     assert is_warm(settings)
 
 
+def test_kernels_of_another_container_are_not_those_that_were_compiled_beside_the_same_handovers(
+    settings: WorkerSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernels, older = tmp_path / "kernels", tmp_path / "older"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
+    mark_warm(settings)
+    assert is_warm(settings)
+    kernels.rename(older)
+    assert not is_warm(settings)
+    older.rename(kernels)
+    assert is_warm(settings)
+
+
 def test_a_source_that_is_changed_added_or_removed_makes_it_void(settings: WorkerSettings, source: Path) -> None:
     facts = source.stat()
     source.write_text("a = 2")

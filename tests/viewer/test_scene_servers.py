@@ -42,7 +42,15 @@ def test_a_scene_that_cannot_be_told_of_is_closed_and_its_place_given_back(
         addresses.mkdir()
         server = await servers.enter("mes")
         assert servers.address(server.key) == server.address
+        # Of a process that was killed, whose number another one has by now.
+        left = addresses / server.key[::-1]
+        left.write_text((addresses / server.key).read_text())
+        assert servers.address(left.name) is None
+        again = SceneServers(cells, tmp_path / "drawings", addresses, WatcherRoom(1, 1), Workbench(2**30))
+        assert not left.exists()
+        assert again.address(server.key) == server.address
         await servers.close()
+        assert again.address(server.key) is None
 
     with closing(open_database(WorkerSettings(data_dir=tmp_path))) as database:
         asyncio.run(enter_twice(CellCollection(ShippedCells(), CellStore(database, tmp_path / "cells"))))

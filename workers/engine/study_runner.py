@@ -88,6 +88,8 @@ class StudyRunner:
             async with asyncio.timeout(limit) as time:
 
                 async def keep(document: dict[str, object]) -> None:
+                    # However long the database is away, that is not the solver's time.
+                    time.reschedule(None)
                     point = StudyPoint.model_validate(document)
                     if not await once_it_is_there(self._studies.add_point, record.id, point):
                         raise JobLeft(record.id)

@@ -103,7 +103,8 @@ class Executor:
 
     def end_lift(self) -> None:
         """Have the lift end as high as it has come, if it has begun; from any thread."""
-        self._lifted.set()
+        if self._confirmed > self._schedule.last:
+            self._lifted.set()
 
     def off_start(self) -> dict[ArmName, list[int]]:
         """Return which joints of which arm are not where the plan begins, by their places from 0."""

@@ -151,7 +151,7 @@ def is_warm(settings: WorkerSettings) -> bool:
     It is a shortcut and no promise: a kernel that is missing all the same is compiled by the solver that needs it.
     """
     try:
-        return (settings.handovers_dir / MARK).read_bytes() == _digest(settings).encode()
+        return all(mark.read_bytes() == _digest(settings).encode() for mark in _marks(settings))
     except OSError:
         return False
 
@@ -159,10 +159,20 @@ def is_warm(settings: WorkerSettings) -> bool:
 def mark_warm(settings: WorkerSettings) -> None:
     """Keep that everything has been compiled and computed; where that cannot be, the next start finds out anew."""
     try:
-        settings.handovers_dir.mkdir(parents=True, exist_ok=True)
-        (settings.handovers_dir / MARK).write_text(_digest(settings))
+        for mark in _marks(settings):
+            mark.parent.mkdir(parents=True, exist_ok=True)
+            mark.write_text(_digest(settings))
     except OSError as error:
         log.warning("not kept that all is warm", folder=str(settings.handovers_dir), error=str(error))
+
+
+def _marks(settings: WorkerSettings) -> list[Path]:
+    """Return where it is kept that all is warm: beside handovers, and beside kernels where those are elsewhere.
+
+    Workers in containers may share their handovers and have each their own kernels.
+    """
+    cache = os.environ.get(CACHE_VARIABLE)
+    return [folder / MARK for folder in (settings.handovers_dir, *([Path(cache)] if cache else []))]
 
 
 def _digest(settings: WorkerSettings) -> str:

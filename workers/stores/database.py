@@ -277,7 +277,11 @@ def _without_query(text: str) -> tuple[str, str]:
 
 def _with_timeouts(url: sa.URL, more: Mapping[str, str]) -> sa.URL:
     """Have a server that does not answer be an error soon, unless the operator has said otherwise."""
-    return url.update_query_dict({**SERVER_PATIENCE, **url.query, **more})
+    said = {**SERVER_PATIENCE, **url.query, **more}
+    if isinstance(theirs := url.query.get("options"), str):
+        # What is set twice is as it was set last.
+        said["options"] = f"{SERVER_PATIENCE['options']} {theirs}"
+    return url.update_query_dict(said)
 
 
 def _connect_to_spare(

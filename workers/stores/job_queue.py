@@ -12,6 +12,7 @@ from typing import Any
 
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
+from sqlalchemy import exc
 
 from workers.stores.database import Database
 from workers.stores.jobs import (
@@ -29,7 +30,7 @@ from workers.stores.jobs import (
     together,
     workflow_table,
 )
-from workers.stores.tables import insert_rows
+from workers.stores.tables import DELIVERIES, DELIVERY_ATTEMPTS, insert_rows
 from workers.stores.totals import TAKEOVER, add_to_total
 
 QUEUE = "plans"
@@ -57,6 +58,10 @@ JOBS_TIMED = 50
 """From so many jobs that were begun last it is told how long one takes [1]."""
 PUT_OFF_SINCE = "put_off_since_ms"
 """Name of a parameter of a query."""
+COUNTED_MS = 1000
+"""So long whoever takes jobs over waits to count them [ms]."""
+LOCK_NOT_AVAILABLE = "55P03"
+"""SQLSTATE of a statement that has waited as long as it may for what another one has locked."""
 INTERRUPTED_TOO_OFTEN = "the worker died each time it ran this job, so it is not begun again"
 
 
@@ -351,10 +356,24 @@ class JobQueue:
             self._client.cancel_workflow(part_workflow_id(study_id, part))
 
     def forget(self, plan_id: str) -> None:
-        """Remove all the engine knows of a job, and of messages about it; or of a study, and its parts."""
-        found = self._client.list_workflows(workflow_id_prefix=plan_id, load_input=False, load_output=False)
-        for workflow_id in {plan_id, *(status.workflow_id for status in found)}:
-            self._client.delete_workflow(workflow_id)
+        """Remove all the engine knows of a job, and of messages about it: before the plan, by which they are found."""
+        tried = sa.func.coalesce(sa.func.max(DELIVERY_ATTEMPTS.c.number), 0).label("tried")
+        messages = (
+            sa.select(DELIVERIES.c.id, tried)
+            .join(DELIVERY_ATTEMPTS, DELIVERY_ATTEMPTS.c.delivery_id == DELIVERIES.c.id, isouter=True)
+            .where(DELIVERIES.c.plan_id == plan_id)
+            .group_by(DELIVERIES.c.id)
+        )
+        for message in self._database.rows(messages):
+            # With each try that fails the next one is enqueued.
+            for number in range(1, message.tried + 2):
+                self._client.delete_workflow(delivery_workflow_id(plan_id, message.id, number))
+        self._client.delete_workflow(plan_id)
+
+    def forget_study(self, study_id: str, parts: int) -> None:
+        """Remove all the engine knows of the parts of a study."""
+        for part in range(parts):
+            self._client.delete_workflow(part_workflow_id(study_id, part))
 
     def depth(self, most: int, queue: str = QUEUE) -> Depth:
         """Return how many jobs of a queue wait and run, up to `most` each; an index answers without reading a job."""
@@ -525,8 +544,9 @@ class JobQueue:
         """Put running jobs back into the queue if they still belong to `worker`, and return how many did.
 
         Whoever runs one of them at that moment no longer owns it: the engine refuses its result. One that is being
-        written is left for the next time: a process that was frozen within a transaction holds its row until the server
-        ends the session, and who waits for that cannot prove meanwhile that it lives itself.
+        written is left for the next time, and so are all while they cannot be counted: a process that was frozen within
+        a transaction holds its rows until the server ends the session, and who waits for that cannot prove meanwhile
+        that it lives itself.
         """
         if not plan_ids:
             return 0
@@ -544,11 +564,18 @@ class JobQueue:
             .where(self._jobs.c.workflow_uuid.in_(lost))
             .values(status=ENQUEUED, owner_xid=None, started_at_epoch_ms=None, updated_at=_now_ms())
         )
-        with self._database.engine.begin() as transaction:
-            number = transaction.execute(taken).rowcount
-            if number:
-                add_to_total(transaction, TAKEOVER, count=number)
-        return number
+        try:
+            with self._database.engine.begin() as transaction:
+                if transaction.dialect.name == "postgresql":
+                    transaction.execute(sa.select(sa.func.set_config("lock_timeout", f"{COUNTED_MS}ms", True)))
+                number = transaction.execute(taken).rowcount
+                if number:
+                    add_to_total(transaction, TAKEOVER, count=number)
+                return number
+        except exc.OperationalError as error:
+            if getattr(error.orig, "sqlstate", None) != LOCK_NOT_AVAILABLE:
+                raise
+            return 0
 
     def _errors(self, plan_ids: Sequence[str]) -> dict[str, str]:
         """Return what the engine has stored as the errors of jobs that have failed, by the plan's id."""
@@ -572,12 +599,12 @@ def _put_off_since_ms() -> int:
 
 
 def part_workflow_id(study_id: str, part: int) -> str:
-    """Return the name of a part's job: it begins with the study's, so that all are forgotten together."""
+    """Return the name of a part's job: it begins with the study's."""
     return f"{study_id}-part-{part}"
 
 
 def delivery_workflow_id(plan_id: str, delivery_id: str, number: int) -> str:
-    """Return the name of a try: it begins with the plan's, so that both are forgotten together."""
+    """Return the name of a try: it begins with the plan's."""
     return f"{plan_id}-{delivery_id}-{number}"
 
 

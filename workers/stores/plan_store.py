@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import uuid
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -570,13 +571,17 @@ class PlanStore:
         )
         counted: list[str] = []
         with self._database.engine.begin() as transaction:
+            why = Counter[str]()
             for row in transaction.execute(uncounted).all():
                 ending = sa.update(PLANS).where(PLANS.c.id == row.id, PLANS.c.finished_us.is_(None))
                 # As the engine has it, which on SQLite is a whole second: the plan is shown as before.
                 ended_us = max(row.updated_at * 1000, row.begun_us)
                 if transaction.execute(ending.values(finished_us=ended_us)).rowcount:
-                    add_to_total(transaction, FAILURE, WHY_OF_STATUS[row.status])
+                    why[WHY_OF_STATUS[row.status]] += 1
                     counted.append(row.id)
+            # After all plans: who has a count locked waits for nobody's plan.
+            for label in sorted(why):
+                add_to_total(transaction, FAILURE, label, count=why[label])
         return counted
 
     def document(self, plan_id: str) -> StoredDocument | None:

@@ -58,7 +58,7 @@ class ContactDrawing:
         self._show_cones(forces if "cones" in layers else [])
 
     def _show_newtons(self, forces: Iterable[ContactForce]) -> None:
-        """Write its size at the tip of each force; labels that are not needed now stay, hidden."""
+        """Write its size beside the tip of each force, as names stand over bodies; what is not needed stays, hidden."""
         told = [
             (f"{size:.1f} N", self._arrow(force)[0 if _is_seen_outside(force) else 1])
             for force in forces
@@ -66,7 +66,7 @@ class ContactDrawing:
         ]
         while len(self._newtons) < len(told):
             name = f"{self.newtons}/{len(self._newtons)}"
-            self._newtons.append(self._scene.add_label(name, "", font_screen_scale=0.95, anchor="bottom-center"))
+            self._newtons.append(self._scene.add_label(name, "", font_screen_scale=0.95, anchor="bottom-left"))
         for label, (words, tip) in zip(self._newtons, told, strict=False):
             if label.text != words:
                 label.text = words

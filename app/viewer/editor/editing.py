@@ -42,6 +42,7 @@ from app.viewer.watch import (
     or_told,
     refusal,
     scene_for,
+    send_if_heard,
     send_on,
 )
 from planners.cell.cell import Cell
@@ -233,11 +234,7 @@ class _Editing:
     async def answer(self, text: str) -> None:
         """Do what is asked for, and say so, or what went wrong, once the page has room for that."""
         request = REQUESTS.validate_json(text)
-        answer = await or_told(request, WORDS[request.type], self._answered(request))
-        try:
-            await self.outbox.send(answer)
-        except anyio.BrokenResourceError:
-            log.debug("nobody listens any more")
+        await send_if_heard(self.outbox, await or_told(request, WORDS[request.type], self._answered(request)))
 
     async def _answered(self, request: EditorMessage) -> PageAnswer:
         try:

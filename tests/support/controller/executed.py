@@ -102,6 +102,8 @@ def executed(
         clock.physics = physics
 
         def confirm(step: ProgramStep | None) -> bool:
+            # A stray key before the lift: it ends nothing.
+            executor.end_lift()
             if step is None:
                 # The lift begins a few cycles after it was confirmed.
                 clock.at(clock.now() + TAKING_ON * SETTLING + seconds + 0.1, executor.end_lift)
