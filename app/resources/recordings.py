@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import os
-import tempfile
 from collections.abc import Callable, Coroutine
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +13,7 @@ import structlog
 
 from app.errors import TooManyRecordings
 from app.work.wanted import NobodyWaits, StillWanted
+from workers.kept_files import KeptFiles
 from workers.stores.plan_store import StoredDocument
 
 _SUFFIX = ".html"
@@ -50,8 +48,8 @@ class Recordings:
             most_bytes: so much is kept, those used last [bytes]; 0: nothing.
             most_waiting: so many documents wait for the one that is being made; a further one is refused [1].
         """
-        self._folder, self._make, self._software = folder, make, software
-        self._most_bytes, self._most_waiting = most_bytes, most_waiting
+        self._kept = KeptFiles(folder, _SUFFIX, most_bytes)
+        self._make, self._software, self._most_waiting = make, software, most_waiting
         self._making: dict[str, _Making] = {}
         self._turn = asyncio.Lock()
 
@@ -71,7 +69,7 @@ class Recordings:
             NobodyWaits: `left` returned first.
         """
         name = self.tag(document)
-        kept = await asyncio.to_thread(self._read, name)
+        kept = await asyncio.to_thread(self._kept.read, name)
         if kept is not None:
             return kept
         making = self._making.get(name)
@@ -104,52 +102,11 @@ class Recordings:
                 async with self._turn:
                     self._making[name].begun = True
                     page = (await asyncio.to_thread(self._make, document, wanted)).encode()
-                    await asyncio.to_thread(self._keep, name, page)
+                    await asyncio.to_thread(self._kept.keep, name, page)
                     return page
         finally:
             if self._making.get(name) is not None and self._making[name].task is asyncio.current_task():
                 del self._making[name]
-
-    def _read(self, name: str) -> bytes | None:
-        path = self._folder / f"{name}{_SUFFIX}"
-        try:
-            page = path.read_bytes()
-            # The time of last use decides which files go.
-            path.touch()
-        except OSError:
-            return None
-        return page
-
-    def _keep(self, name: str, page: bytes) -> None:
-        """Keep a page; readers see all of it or nothing."""
-        if len(page) > self._most_bytes:
-            return
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            handle, part = tempfile.mkstemp(dir=self._folder, prefix=".", suffix=".part")
-            try:
-                with os.fdopen(handle, "wb") as stream:
-                    stream.write(page)
-                Path(part).replace(self._folder / f"{name}{_SUFFIX}")
-            except BaseException:
-                Path(part).unlink(missing_ok=True)
-                raise
-            self._forget_the_oldest()
-        except OSError as error:
-            log.warning("recording not kept", folder=str(self._folder), error=str(error))
-
-    def _forget_the_oldest(self) -> None:
-        kept: list[tuple[int, int, Path]] = []
-        for path in self._folder.glob(f"*{_SUFFIX}"):
-            # Another process may have removed it.
-            with suppress(FileNotFoundError):
-                told = path.stat()
-                kept.append((told.st_mtime_ns, told.st_size, path))
-        room = self._most_bytes
-        for _, size, path in sorted(kept, reverse=True):
-            room -= size
-            if room < 0:
-                path.unlink(missing_ok=True)
 
 
 def _note_failure(task: asyncio.Task[bytes]) -> None:

@@ -25,7 +25,7 @@ from support.worker import WorkerProcess
 from workers.engine.executor_lock import AdvisoryLock, worker_lives
 from workers.settings import WorkerSettings
 from workers.stores import database as database_module
-from workers.stores.database import SERVER_PATIENCE, SQLITE_FILE, DatabaseUnusable, open_database, server_database
+from workers.stores.database import SERVER_OPTIONS, SQLITE_FILE, DatabaseUnusable, open_database, server_database
 from workers.stores.database_loss import DATABASE_GONE
 
 NO_PERMISSIONS = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
@@ -114,7 +114,7 @@ def test_what_a_query_says_ends_no_password(tmp_path: Path, who: str) -> None:
     assert (named["host"], named["dbname"]) == ("db.example", "liftwright")
     assert named["application_name"] == "planner@factory"
     # What is not said is as we say it: the server takes what is set last.
-    assert named["options"] == f"{SERVER_PATIENCE['options']} -c work_mem=8MB"
+    assert named["options"] == f"{SERVER_OPTIONS} -c work_mem=8MB"
     assert (named.get("user"), named.get("password")) == (
         "planner" if who else None, "p@ss?x=1" if ":" in who else None,
     )  # fmt: skip

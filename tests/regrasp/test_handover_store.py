@@ -94,7 +94,7 @@ def test_a_folder_that_cannot_be_made_costs_no_plan(cell, short_tool, tmp_path, 
 
 
 def test_those_not_used_for_longest_are_forgotten(tmp_path, database):
-    store = HandoverStore(tmp_path, capacity=2)
+    store = HandoverStore(tmp_path, most_bytes=2 * len(database.to_bytes()) + 1)
     for age, name in ((30, "a"), (20, "b")):
         store.save(replace(database, key=name * 64))
         os.utime(tmp_path / f"{name * 64}.handovers", (age, age))

@@ -81,7 +81,7 @@ LAYERS = {
         ("study", "program"),
     ),
     "workers": (
-        ("settings", "software", "loading", "processor"),
+        ("settings", "software", "loading", "processor", "kept_files"),
         ("simulation", "stores", "robot"),
         ("solver", "webhooks"),
         ("engine",),

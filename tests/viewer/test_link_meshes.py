@@ -21,6 +21,7 @@ from app.viewer.drawing.link_meshes import FULL, LIGHT, Detail, LinkMeshes, thin
 from planners.cell.asset_files import CylinderLinkFile, LinkFile, MeshFile, MeshLinkFile
 from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import known_cells, load_cell
+from planners.geometry.pose import transform
 
 LIGHT_SHARE = 0.4
 """Of the bytes of a full drawing, that a light one takes at most."""
@@ -84,6 +85,25 @@ def test_a_drawing_that_several_ask_for_at_once_is_made_once(tmp_path: Path, mon
         assert len(set(pool.map(ask, range(4)))) == 1
     assert len(made) == 1
     assert [path.suffix for path in tmp_path.iterdir()] == [".glb"]
+
+
+def test_drawings_that_nobody_asks_for_any_more_are_forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Everyone may bring cells: neither memory nor folder grows without end, and what is asked for last stays."""
+    shelf = shipped_shelf()
+    link = link_files(load_cell("dual_ur3e_lift").arms["left"], shelf)[3]
+    assert isinstance(link, MeshLinkFile)
+    made = list[object]()
+    monkeypatch.setattr(link_meshes, "_write_glb", lambda *given: made.append(given) or bytes(1000))
+    monkeypatch.setattr(link_meshes, "MOST_READ", 3500)
+    monkeypatch.setattr(link_meshes, "MOST_KEPT", 3500)
+    meshes = LinkMeshes(tmp_path)
+    for place in (0, 1, 2, 0, 3, 0, 4, 5):
+        meshes.glb(link.mesh, shelf, transform(position=np.array([float(place), 0.0, 0.0])), LIGHT.links)
+    assert len(made) == 6
+    assert sum(map(len, meshes._read.values())) <= 3500
+    assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 3500
+    meshes.glb(link.mesh, shelf, np.eye(4), LIGHT.links)
+    assert len(made) == 6
 
 
 @pytest.mark.parametrize("detail", [FULL, LIGHT], ids=["full", "light"])

@@ -42,9 +42,10 @@ SERVER_PATIENCE = {
     "tcp_user_timeout": "15000",
     # Else a database that knows no encoding gives bytes for texts, before it could be refused for that.
     "client_encoding": "utf8",
-    "options": "-c idle_in_transaction_session_timeout=10000",
 }
-"""When a connection counts as lost: libpq's own limits are hours.
+"""When a connection counts as lost: libpq's own limits are hours."""
+SERVER_OPTIONS = "-c idle_in_transaction_session_timeout=10000"
+"""What the server is told at each connection.
 
 A process that is frozen within a transaction still answers for its connection, and holds the rows that it has locked:
 the server ends that session, so that others can take its jobs over.
@@ -277,11 +278,9 @@ def _without_query(text: str) -> tuple[str, str]:
 
 def _with_timeouts(url: sa.URL, more: Mapping[str, str]) -> sa.URL:
     """Have a server that does not answer be an error soon, unless the operator has said otherwise."""
-    said = {**SERVER_PATIENCE, **url.query, **more}
-    if isinstance(theirs := url.query.get("options"), str):
-        # What is set twice is as it was set last.
-        said["options"] = f"{SERVER_PATIENCE['options']} {theirs}"
-    return url.update_query_dict(said)
+    # What is set twice is as it was set last.
+    options = f"{SERVER_OPTIONS} {url.query.get('options', '')}".rstrip()
+    return url.update_query_dict({**SERVER_PATIENCE, **url.query, "options": options, **more})
 
 
 def _connect_to_spare(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import tempfile
 from pathlib import Path
 
 import structlog
@@ -19,9 +16,10 @@ from planners.regrasp.grasps.handovers import (
     handover_key,
 )
 from planners.scene.suction_tool import SuctionTool
+from workers.kept_files import KeptFiles
 
-CAPACITY = 500
-"""Databases that are kept, those used last [1]: everyone may bring tools of their own. One takes some 40 kB."""
+MOST_BYTES = 20_000_000
+"""Kept are those used last, some 500 of 40 kB: everyone may bring tools of their own [bytes]."""
 _SUFFIX = ".handovers"
 
 log = structlog.get_logger(__name__)
@@ -34,8 +32,8 @@ class HandoverStore:
     cannot be written costs time, never a plan.
     """
 
-    def __init__(self, folder: Path, capacity: int = CAPACITY) -> None:
-        self._folder, self._capacity = folder, capacity
+    def __init__(self, folder: Path, most_bytes: int = MOST_BYTES) -> None:
+        self._kept = KeptFiles(folder, _SUFFIX, most_bytes)
 
     def get(
         self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress = silent
@@ -55,48 +53,15 @@ class HandoverStore:
 
     def load(self, key: str) -> HandoverDatabase | None:
         """Return the database of a key, or None where there is none that can be used."""
-        path = self._path(key)
+        content = self._kept.read(key)
+        if content is None:
+            return None
         try:
-            database = HandoverDatabase.from_bytes(path.read_bytes(), key)
-        except FileNotFoundError:
+            return HandoverDatabase.from_bytes(content, key)
+        except HandoverDataError as error:
+            log.warning("handovers_unusable", path=str(self._kept.path(key)), error=str(error))
             return None
-        except (OSError, HandoverDataError) as error:
-            log.warning("handovers_unusable", path=str(path), error=str(error))
-            return None
-        with contextlib.suppress(OSError):
-            # The time of last use decides which files go.
-            path.touch()
-        return database
 
     def save(self, database: HandoverDatabase) -> None:
-        """Keep a database. Readers see all of it or nothing."""
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            self._write(self._path(database.key), database.to_bytes())
-            self._forget_the_oldest()
-        except OSError as error:
-            log.warning("handovers_not_kept", folder=str(self._folder), error=str(error))
-
-    def _path(self, key: str) -> Path:
-        return self._folder / f"{key}{_SUFFIX}"
-
-    def _write(self, path: Path, content: bytes) -> None:
-        handle, name = tempfile.mkstemp(dir=self._folder, prefix=".", suffix=".part")
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
-
-    def _forget_the_oldest(self) -> None:
-        used = {}
-        for path in self._folder.glob(f"*{_SUFFIX}"):
-            # Another process may have removed it.
-            with contextlib.suppress(FileNotFoundError):
-                used[path] = path.stat().st_mtime_ns
-        for path in sorted(used, key=used.__getitem__)[: max(0, len(used) - self._capacity)]:
-            path.unlink(missing_ok=True)
+        """Keep a database."""
+        self._kept.keep(database.key, database.to_bytes())

@@ -8,8 +8,8 @@ Vertices that share a cell of a grid become one, at the point that fits the plan
 from __future__ import annotations
 
 import hashlib
-import os
 import threading
+from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +25,7 @@ from planners.cell.asset_shelf import AssetShelf
 from planners.errors import AssetError
 from planners.geometry.pose import Array, Transform
 from planners.geometry.surface import Faces, hull_with_faces
+from workers.kept_files import KeptFiles
 
 NEAR_REACH = 0.5
 """Of the arm that the settings of links are made for [m]."""
@@ -72,14 +73,21 @@ LIGHT = Detail(ThinningSettings(cell=11e-3, crease=50.0), ThinningSettings(cell=
 """For machines without a graphics card: an eighth of the triangles."""
 
 
+MOST_READ = 100_000_000
+"""So much is kept in memory, of what was drawn last [bytes]: everyone may bring cells of their own."""
+MOST_KEPT = 400_000_000
+"""So much is kept in the folder, likewise [bytes]. A cell that is shipped takes some 10 MB."""
+
+
 class LinkMeshes:
     """Drawings of meshes, kept in a folder so that each is made once, and in memory for the next watcher."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._read: dict[str, bytes] = {}
+        self._kept = KeptFiles(folder, ".glb", MOST_KEPT)
+        self._read = OrderedDict[str, bytes]()
+        """The one that was asked for last is the last."""
         # Two watchers of one cell ask for the same drawing at the same time, and either takes seconds.
-        self._drawing = threading.Lock()
+        self._drawing, self._reading = threading.Lock(), threading.Lock()
 
     def glb(self, mesh: MeshFile, shelf: AssetShelf, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         """Return a mesh as binary glTF, in the frame that it moves with.
@@ -95,22 +103,36 @@ class LinkMeshes:
         """
         path = visual_path(mesh, shelf)
         asked = repr((path, settings, mesh.scale, T_frame_mesh.round(9).tolist()))
-        drawn = self._read.get(asked)
+        drawn = self._read_before(asked)
         if drawn is None:
             with self._drawing:
-                drawn = self._read[asked] = self._read.get(asked) or self._kept(path, mesh, T_frame_mesh, settings)
+                drawn = self._read_before(asked) or self._drawn(path, mesh, T_frame_mesh, settings)
+                self._remember(asked, drawn)
         return drawn
 
-    def _kept(self, path: Path, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
+    def _read_before(self, asked: str) -> bytes | None:
+        with self._reading:
+            if asked in self._read:
+                self._read.move_to_end(asked)
+            return self._read.get(asked)
+
+    def _remember(self, asked: str, drawn: bytes) -> None:
+        with self._reading:
+            self._read[asked] = drawn
+            size = sum(map(len, self._read.values()))
+            while size > MOST_READ and len(self._read) > 1:
+                _, oldest = self._read.popitem(last=False)
+                size -= len(oldest)
+
+    def _drawn(self, path: Path, mesh: MeshFile, T_frame_mesh: Transform, settings: ThinningSettings) -> bytes:
         key = hashlib.sha256(path.read_bytes())
         key.update(repr((settings, mesh.scale, T_frame_mesh.round(9).tolist())).encode())
-        kept = self._folder / f"{key.hexdigest()[:32]}.glb"
-        if not kept.is_file():
-            self._folder.mkdir(parents=True, exist_ok=True)
-            fresh = kept.with_suffix(f".{os.getpid()}.{id(self):x}.part")
-            fresh.write_bytes(_write_glb(path, mesh.scale, T_frame_mesh, settings))
-            fresh.replace(kept)
-        return kept.read_bytes()
+        name = key.hexdigest()[:32]
+        drawn = self._kept.read(name)
+        if drawn is None:
+            drawn = _write_glb(path, mesh.scale, T_frame_mesh, settings)
+            self._kept.keep(name, drawn)
+        return drawn
 
 
 def visual_path(mesh: MeshFile, shelf: AssetShelf) -> Path:
