@@ -276,7 +276,7 @@ class TaskSolver:
         """Return what the certificate says of a plan; None: plans are not certified, or nothing is claimed."""
         if self.certify is None:
             return None
-        return certificate_of(plan.write(), self.cells[plan.cell.name], self.certify)
+        return certificate_of(plan.write(), self.cells[plan.task.cell], self.certify)
 
     def _with_best_cup_place(
         self, task: PlateLiftTask, scene: PlateLiftScene, uploads: Uploads, on_progress: Progress

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from geometry.mesh_shapes import angle, file_of
 from support.plan_shelf import PlanShelf
 from support.samples import among, sample
-from support.service import ServiceProcess, finished, running_service, task, unsolved_task, warmed
+from support.service import ROOT, ServiceProcess, finished, running_service, task, unsolved_task, warmed
 
 from workers.settings import HANDOVERS_FOLDER
 
@@ -81,6 +82,17 @@ def solved(shelf: PlanShelf, sharing: httpx.Client) -> Solved:
         return solve(sharing, body)
 
     return cache(one)
+
+
+@pytest.mark.slow
+def test_a_lift_in_a_cell_of_ones_own_is_solved_and_certified(client: httpx.Client) -> None:
+    """The cell and the task of docs/cell.md."""
+    page = (ROOT / "docs" / "cell.md").read_text()
+    cell, told = page.partition("```yaml\n")[2].partition("```")[0], page.partition("```json\n")[2].partition("```")[0]
+    kept = client.post("/v1/cells", content=cell, headers={"Content-Type": "application/yaml"}).json()
+    plan, document = solve(client, {**json.loads(told), "options": {"simulate": False}})
+    assert (plan["outcome"], document["certificate"]["passed"]) == ("solved", True)
+    assert document["task"]["cell"] == kept["id"]
 
 
 @pytest.mark.parametrize(

@@ -86,6 +86,13 @@ def test_a_document_says_whose_it_is_and_how_long_each_stage_took() -> None:
     assert plan.statistics.total_seconds == 4.0
 
 
+def test_a_task_names_its_cell_by_the_id_under_which_it_is_kept_and_not_by_the_cells_own_name() -> None:
+    kept = TaskSolver({"0a1b2c": CELLS["dual_ur3e_lift"]}, {}, plan=a_plan, certify=verdict(passed=True))
+    plan = kept.solve(read_task(task(cell="0a1b2c", options={"remedies": False})))
+    assert plan.certificate is not None
+    assert (plan.task.cell, plan.cell.name) == ("0a1b2c", "dual_ur3e_lift")
+
+
 def test_each_stage_of_each_object_is_told_apart_and_without_the_name_that_its_caller_gave_it() -> None:
     body = task("domino_pile.json", options={"simulate": False})
     names = [each["name"] for each in body["objects"]]
