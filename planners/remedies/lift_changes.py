@@ -68,6 +68,7 @@ _BEYOND_ALONE = 1.25
 _MOST_FORCE = 10.0
 """... but of no more than so many times the stated one's [1]."""
 _FORCE_STEP = 0.5
+_ROUNDING = 1e-9
 """How finely it is asked for [N]."""
 _SHIFTS = (0.010, 0.020, 0.030, 0.050, 0.080)
 """How far the cup is moved straight on; like the distances below in a cell of size 1 [m]."""
@@ -245,7 +246,8 @@ class LiftChanges:
 
     def _best_cup_places(self) -> Iterator[TaskChange]:
         """Places where the strongest cup that is asked for keeps most back: a heavy plate seldom allows many."""
-        strongest = self._stronger(self._most_force_steps).applied(self.task)
+        steps = self._most_force_steps
+        strongest = self.task if steps < 1 else self._stronger(steps).applied(self.task)
         if strongest is None or self._effort.ended:
             return
         cup = strongest.cup.model_copy(update={"position": None})
@@ -350,7 +352,7 @@ class LiftChanges:
     def _cup_force(self) -> Iterator[TaskChange]:
         """A stronger cup: as a larger force never does harm, the least that leaves a way is found by halving."""
         known, least = 0, self._most_force_steps
-        if not self._leaves_a_way(self._stronger(least), forces=True):
+        if least < 1 or not self._leaves_a_way(self._stronger(least), forces=True):
             return
         while least - known > 1:
             middle = (known + least) // 2
@@ -359,17 +361,26 @@ class LiftChanges:
             else:
                 known = middle
         # A way of held poses may still be none for the arms.
-        yield from (self._stronger(steps) for steps in dict.fromkeys((least, math.ceil(1.5 * least), 2 * least)))
+        more = (least, math.ceil(1.5 * least), 2 * least)
+        yield from (self._stronger(steps) for steps in dict.fromkeys(more) if steps <= self._steps_of_lifter)
 
     @property
     def _most_force_steps(self) -> int:
-        """By how many steps the strongest cup that is asked for is stronger than the stated one."""
+        """By how many steps the strongest cup that is asked for is stronger than the stated one; 0: none is."""
         capacity, stated = self._planner.capacity(), self.task.cup.max_force
         # What the cup carries is proportional to its force, whatever the lifter's model.
         needed = (capacity.needed - capacity.gripper - capacity.pusher) / capacity.cup
         alone = capacity.needed / capacity.cup
         most = min(max(_MORE_FORCE, _BEYOND_NEEDED * needed, _BEYOND_ALONE * alone), _MOST_FORCE)
-        return max(2, math.ceil((most - 1.0) * stated / _FORCE_STEP))
+        return int(min(max(2, math.ceil((most - 1.0) * stated / _FORCE_STEP)), self._steps_of_lifter))
+
+    @property
+    def _steps_of_lifter(self) -> float:
+        """By how many steps a cup may be stronger than the stated one: the cell's lifter bears no more."""
+        most = self.scene.cell.lifter.max_force
+        if math.isinf(most):
+            return most
+        return math.floor((most + _ROUNDING) / _FORCE_STEP) - math.floor(self.task.cup.max_force / _FORCE_STEP)
 
     def _stronger(self, steps: int) -> TaskChange:
         stated = self.task.cup.max_force

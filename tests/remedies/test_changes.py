@@ -6,6 +6,8 @@ import itertools
 import json
 import math
 import re
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +89,22 @@ def test_every_other_model_of_the_lifter_is_tried() -> None:
         changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
         others = [change.patch[0].value for change in changes._lifter()]
         assert sorted([model, *map(str, others)]) == ["cable", "dexnet", "paper"]
+
+
+@pytest.mark.parametrize("most", [20.0, 24.3, 31.0, math.inf])
+def test_a_cup_is_made_no_stronger_than_what_the_cells_lifter_bears(most: float) -> None:
+    shipped = load_cell("dual_ur3e_lift")
+    cell = replace(shipped, lifter=replace(shipped.lifter, max_force=most))
+    task = posted("ab1", plate={"shape": {"type": "box", "size": [0.3, 0.3, 0.04]}, "mass": 9.0})
+    build = partial(build_scene, cells={cell.name: cell})
+    changes = LiftChanges(task, build, LiftSettings(), Effort(10_000), silent)
+    changes._leaves_a_way = lambda change, **_: change.built(task, build) is not None  # type: ignore[method-assign]
+    forces = [float(change.patch[0].value) for change in changes._cup_force()]  # type: ignore[arg-type]
+    assert bool(forces) == (most > task.cup.max_force)
+    assert all(task.cup.max_force < force <= most for force in forces)
+    # Nor does the search for its best place ask for more.
+    for change in itertools.islice(changes._best_cup_places(), 1):
+        assert change.built(task, build) is not None
 
 
 def test_nobody_is_asked_to_know_a_plate_exactly() -> None:
