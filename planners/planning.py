@@ -44,6 +44,7 @@ from planners.remedies.find_remedies import (
     STEPS_OF_A_CERTIFICATE,
     STEPS_OF_A_PLAN,
     STEPS_OF_A_SCENE,
+    STEPS_OF_LESS_RESERVE,
     STEPS_OF_PAIRS,
     STEPS_OF_SIMULATION,
     STEPS_WITH_PHYSICS,
@@ -371,10 +372,23 @@ class _RemedySearch:
         if self._fails_in_physics:
             return self._search([more_kept_back(self._task), *changes], MOST_SIMULATED), self._effort.tried
         remedies = self._search(changes)
+        if not remedies and (pressed := self._pressed_hardest()):
+            # A hold that is short of force may do it and keep less back than is asked for, as any plan may.
+            effort, whole = self._effort, self._attempt
+            left, effort.steps = effort.steps - effort.spent, effort.spent + STEPS_OF_LESS_RESERVE
+            self._attempt = PlanMemory(partial(self._planned, persistent=True), effort)
+            remedies, self._attempt = self._search(pressed), whole
+            effort.steps = effort.spent + left
         if not remedies:
             self._effort.steps += STEPS_OF_PAIRS
             remedies = self._search(pairs())
         return remedies, self._effort.tried
+
+    def _pressed_hardest(self) -> list[Iterator[TaskChange | None]]:
+        """Return the change that has fingers press their hardest, if the failed plan is short of that."""
+        if isinstance(self._task, PlateLiftTask):
+            return []
+        return ToolChanges(self._task, self._build, self._failed, self._solves).pressed_hardest()
 
     def _changes(
         self,
@@ -410,15 +424,18 @@ class _RemedySearch:
         self._effort.tried.add(change.kind)
         return self._attempt(changed) is not None
 
-    def _planned(self, changed: PlateLiftTask | SuctionToolTask) -> Plan | None:
-        """Plan a changed task, certify the plan, and simulate it if the task's own failed there; None: no help."""
+    def _planned(self, changed: PlateLiftTask | SuctionToolTask, *, persistent: bool = False) -> Plan | None:
+        """Plan a changed task, certify the plan, and simulate it if the task's own failed there; None: no help.
+
+        `persistent`: whether less may be kept back than the task asks for.
+        """
         solver, effort = self._solver, self._effort
         try:
             scene = self._build(changed)
         except SceneError:
             return None
         effort.take(STEPS_OF_A_SCENE)
-        most = min(effort.steps, effort.spent + STEPS_OF_A_PLAN)
+        most = effort.steps if persistent else min(effort.steps, effort.spent + STEPS_OF_A_PLAN)
 
         def counted(report: Report, /) -> None:
             self._quiet(report)
@@ -427,7 +444,7 @@ class _RemedySearch:
 
         try:
             plan = solver.plan(
-                changed, scene, counted, solver.clock, self._handovers_of, self._plan_lift, persistent=False
+                changed, scene, counted, solver.clock, self._handovers_of, self._plan_lift, persistent=persistent
             )
         except _TakesTooLong:
             return None

@@ -15,6 +15,8 @@ from planners.remedies.kinds import KINDS
 
 MOST_STEPS = 2400
 """Of all that is tried for one task: some 24 s on a common core."""
+STEPS_OF_LESS_RESERVE = 2400
+"""Besides, for the one change of which a plan is wanted that keeps less back."""
 STEPS_OF_PAIRS = 600
 """Of what is tried besides, and of what is left of those, two changes at once, where no single one helps."""
 STEPS_WITH_PHYSICS = 6000

@@ -16,6 +16,7 @@ from planners.cell.asset_shelf import described_tool
 from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask
 from planners.geometry.pose import Array
 from planners.plan.plan import Plan
+from planners.plan.verdicts import Cause
 from planners.remedies.change import (
     TaskChange,
     moved_pose,
@@ -359,6 +360,13 @@ class ToolChanges:
             forces = map(self._pressing, self._finger_forces(most) if alone else [most])
             yield from self._smallest(forces) if alone else self._of(forces)
 
+    def pressed_hardest(self) -> list[Iterator[TaskChange | None]]:
+        """Return the change that has fingers press as hard as the gripper can, where plans are short of squeeze."""
+        most = min(self._cell.gripper(arm).force_max for arm in self._cell.gripper_arms)
+        if self.task.grip_force_limit >= most or not any(map(_is_short_of_squeeze, self._explanation.causes)):
+            return []
+        return [self._of([self._pressing(most)])]
+
     def _finger_forces(self, most: float) -> list[float]:
         """Return what a finger may press with, up to the most that the gripper does [N]: whole newtons before that.
 
@@ -368,7 +376,7 @@ class ToolChanges:
         stated, short = self.task.grip_force_limit, dict[str, float]()
         names = [each.name for _, each in self._objects]
         for cause in self._explanation.causes:
-            if any(words in cause.reason for words in _SQUEEZE_REASONS) and cause.unit == "N":
+            if _is_short_of_squeeze(cause):
                 named = str(cause.where) if cause.where in names else ""
                 missing = (cause.needed or 0.0) - (cause.available or 0.0)
                 short[named] = min(missing, short.get(named, math.inf))
@@ -380,6 +388,10 @@ class ToolChanges:
         stated = self.task.grip_force_limit
         sentence = f"Let a finger press with up to {force:g} N instead of {stated:g} N."
         return TaskChange("hand_limits", sentence, (put("/grip_force_limit", force),), "press", force - stated)
+
+
+def _is_short_of_squeeze(cause: Cause) -> bool:
+    return any(words in cause.reason for words in _SQUEEZE_REASONS) and cause.unit == "N"
 
 
 def _other_cup(

@@ -17,11 +17,13 @@ from planners.contract.task_change import changed
 from planners.contract.task_spec import SuctionToolTask, write_task
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
-from planners.plan.verdicts import Cause
+from planners.plan.verdicts import Cause, Certificate
 from planners.planning import TaskSolver
+from planners.progress import silent
 from planners.remedies.change import TaskChange, moved_pose
 from planners.remedies.tool_changes import ToolChanges
 from planners.scene.scene import build_scene
+from planners.scene.shape_source import no_uploads
 from planners.scene.suction_tool import load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 from tests.support.deep_bin import NAMES, PART, WALLS
@@ -216,6 +218,31 @@ def test_fingers_press_no_harder_than_helps(enough: float, offered: int, too_hea
     # It may help beside another change.
     pairs = itertools.chain(*ToolChanges(task, build_scene, failed, helps).in_pairs())
     assert any(step.value == most for pair in pairs for step in pair.patch if step.path == "/grip_force_limit")
+
+
+@pytest.mark.parametrize("short", [True, False])
+def test_fingers_that_hold_with_less_kept_back_than_is_asked_for_are_told_once_nothing_else_helps(
+    short: bool, too_heavy: Plan
+) -> None:
+    """With planners that are told what to answer: as any plan may keep less back, so may that of a changed task."""
+    task = read_task({"kind": "suction_tool", "objects": [PART]})
+    assert isinstance(task, SuctionToolTask)
+    most = build_scene(task).cell.gripper("left").force_max  # type: ignore[union-attr]
+    reason = "The tool needs a harder squeeze." if short else "Something else."
+    cause = Cause(reason=reason, needed=48.0, available=41.0, unit="N", where="part")
+    explanation = too_heavy.explanation.model_copy(update={"causes": [cause], "cup_place": None})
+    failed = too_heavy.model_copy(update={"explanation": explanation, "task": task, "outcome": "not_found"})
+
+    def plan(changed: SuctionToolTask, *_: Any, persistent: bool, **__: Any) -> Plan:
+        holds = persistent and changed.grip_force_limit == most
+        return failed.model_copy(update={"outcome": "solved" if holds else "not_found", "task": changed})
+
+    solver = TaskSolver(
+        ShippedCells(), load_tools(), plan=plan, certify=lambda *_: Certificate(passed=True, checks=[])
+    )  # fmt: skip
+    remedies = solver._with_remedies(failed, no_uploads, silent).explanation.remedies
+    assert remedies is not None
+    assert [remedy.patch[0].value for remedy in remedies] == ([most] if short else [])
 
 
 def test_of_many_obstacles_those_next_to_start_and_goal_are_tried(too_heavy: Plan) -> None:
