@@ -207,19 +207,25 @@ class PhysicsFailure(NamedTuple):
     """When [s]."""
     cause: str
     """What gave way, without a full stop."""
+    in_lift: bool = False
+    """Whether that was in the lift that follows the plan."""
 
     def words(self) -> str:
         """Say it in a line."""
-        return f"{self.outcome} at {self.time:.2f} s of motion: {self.cause}"
+        when = ", in the lift behind the plan" if self.in_lift else ""
+        return f"{self.outcome} at {self.time:.2f} s of motion{when}: {self.cause}"
 
 
 def failure_of(simulation: LiftSimulation | ToolSimulation | None) -> PhysicsFailure | None:
     """Return how a plan failed in physics; None where it did not, or was not tried."""
     if simulation is None or simulation.outcome in ("lifted", "done"):
         return None
-    failed_at = simulation.failed_at if isinstance(simulation, ToolSimulation) else None
-    cause = simulation.cause or "it is not told what gave way"
-    return PhysicsFailure(simulation.outcome, simulation.time if failed_at is None else failed_at, cause.rstrip("."))
+    cause = (simulation.cause or "it is not told what gave way").rstrip(".")
+    if isinstance(simulation, ToolSimulation):
+        failed_at = simulation.time if simulation.failed_at is None else simulation.failed_at
+        return PhysicsFailure(simulation.outcome, failed_at, cause)
+    in_lift = simulation.lift is not None and simulation.time > simulation.lift.begin
+    return PhysicsFailure(simulation.outcome, simulation.time, cause, in_lift)
 
 
 Simulation = Annotated[LiftSimulation | ToolSimulation, Field(discriminator="kind"), BeforeValidator(_with_its_kind)]
