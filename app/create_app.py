@@ -133,7 +133,7 @@ def create_app(
             to_close.push_async_callback(run_in_threadpool, writer.close)
             app.state.plans = PlanCollection(store, queue, writer, room)
             rules = TargetRules(settings.webhook_hosts, settings.webhook_networks)
-            app.state.webhooks = WebhookCollection(WebhookStore(database), rules, settings.max_webhooks)
+            app.state.webhooks = WebhookCollection(WebhookStore(database), queue, rules, settings.max_webhooks)
             studies = StudyStore(database, store, queue)
             app.state.studies = StudyCollection(studies, queue, app.state.plans, settings)
             app.state.feed, app.state.study_feed = PlanFeed(store, queue), PlanFeed(studies, studies, "point")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import TooManyWebhooks, WebhookNotFound, WebhookUnusable
 from app.resources.queries import page_of
+from workers.stores.job_queue import JobQueue
 from workers.stores.tables import Position
 from workers.stores.webhook_store import Attempt, Delivery, WantedPlans, Webhook, WebhookStore
 from workers.webhooks.target import Target, TargetRules
@@ -16,13 +17,15 @@ class WebhookCollection:
     All methods block on the database: call them from a thread.
     """
 
-    def __init__(self, store: WebhookStore, rules: TargetRules, most: int, caller: Caller = ANYBODY) -> None:
+    def __init__(
+        self, store: WebhookStore, queue: JobQueue, rules: TargetRules, most: int, caller: Caller = ANYBODY
+    ) -> None:
         """`most` webhooks an owner may have [1]."""
-        self._store, self._rules, self._most, self._caller = store, rules, most, caller
+        self._store, self._queue, self._rules, self._most, self._caller = store, queue, rules, most, caller
 
     def seen_by(self, caller: Caller) -> WebhookCollection:
         """Return what another caller sees."""
-        return WebhookCollection(self._store, self._rules, self._most, caller)
+        return WebhookCollection(self._store, self._queue, self._rules, self._most, caller)
 
     def register(self, url: str, plans: WantedPlans, *, certified: bool = False) -> Webhook:
         """Register a webhook of the caller.
@@ -79,7 +82,9 @@ class WebhookCollection:
         Raises:
             WebhookNotFound: There is none of that id.
         """
-        self._store.delete(self.webhook(webhook_id).id)
+        webhook = self.webhook(webhook_id)
+        self._queue.forget_webhook(webhook.id)
+        self._store.delete(webhook.id)
 
     def deliveries(
         self, webhook_id: str, size: int, before: Position | None

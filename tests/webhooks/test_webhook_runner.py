@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import workflow_table
 from workers.stores.plan_store import PlanStore
-from workers.stores.webhook_store import DeliveryState, WebhookStore
+from workers.stores.tables import now_us
+from workers.stores.webhook_store import Attempt, DeliveryState, WebhookStore
 from workers.webhooks.runner import BATCH, WebhookRunner
 
 
@@ -96,3 +98,24 @@ def test_many_at_once_are_begun_batch_by_batch(stores: Stores) -> None:
     for begun in (BATCH, BATCH + 5):
         stores.runner.look()
         assert list(stores.states(webhook.id).values()).count(DeliveryState.PENDING) == begun
+
+
+@pytest.mark.parametrize("deleted", ["plan", "webhook"])
+def test_nothing_is_left_of_messages_of_what_is_deleted(stores: Stores, deleted: str) -> None:
+    webhook = stores.webhooks.add(None, "https://mes.example/told", "all")
+    told, other = stores.accept(2)
+    stores.become([told, other], "SUCCESS")
+    stores.runner.look()
+    for delivery in stores.webhooks.deliveries(webhook.id, 10, None):
+        again = partial(stores.runner._enqueue, delivery, 2, 0.0)
+        stores.webhooks.note(delivery, Attempt(1, now_us(), 503, "busy"), DeliveryState.PENDING, again)
+    jobs = workflow_table("sqlite")
+    assert len(stores.database.column(sa.select(jobs.c.workflow_uuid))) == 6
+    if deleted == "plan":
+        stores.queue.forget(told)
+        left = [name for name in stores.database.column(sa.select(jobs.c.workflow_uuid)) if name.startswith(told)]
+        assert left == []
+        assert len(stores.database.column(sa.select(jobs.c.workflow_uuid))) == 3
+    else:
+        stores.queue.forget_webhook(webhook.id)
+        assert set(stores.database.column(sa.select(jobs.c.workflow_uuid))) == {told, other}

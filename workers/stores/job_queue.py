@@ -58,6 +58,8 @@ JOBS_TIMED = 50
 """From so many jobs that were begun last it is told how long one takes [1]."""
 PUT_OFF_SINCE = "put_off_since_ms"
 """Name of a parameter of a query."""
+FORGOTTEN_AT_ONCE = 500
+"""So many jobs are removed in one transaction [1]."""
 COUNTED_MS = 1000
 """So long whoever takes jobs over waits to count them [ms]."""
 LOCK_NOT_AVAILABLE = "55P03"
@@ -357,23 +359,33 @@ class JobQueue:
 
     def forget(self, plan_id: str) -> None:
         """Remove all the engine knows of a job, and of messages about it: before the plan, by which they are found."""
-        tried = sa.func.coalesce(sa.func.max(DELIVERY_ATTEMPTS.c.number), 0).label("tried")
-        messages = (
-            sa.select(DELIVERIES.c.id, tried)
-            .join(DELIVERY_ATTEMPTS, DELIVERY_ATTEMPTS.c.delivery_id == DELIVERIES.c.id, isouter=True)
-            .where(DELIVERIES.c.plan_id == plan_id)
-            .group_by(DELIVERIES.c.id)
-        )
-        for message in self._database.rows(messages):
-            # With each try that fails the next one is enqueued.
-            for number in range(1, message.tried + 2):
-                self._client.delete_workflow(delivery_workflow_id(plan_id, message.id, number))
-        self._client.delete_workflow(plan_id)
+        self._client.delete_workflows([*self._tries(DELIVERIES.c.plan_id == plan_id), plan_id])
 
     def forget_study(self, study_id: str, parts: int) -> None:
         """Remove all the engine knows of the parts of a study."""
-        for part in range(parts):
-            self._client.delete_workflow(part_workflow_id(study_id, part))
+        self._client.delete_workflows([part_workflow_id(study_id, part) for part in range(parts)])
+
+    def forget_webhook(self, webhook_id: str) -> None:
+        """Remove all the engine knows of messages to a webhook: before the webhook, whose log tells them."""
+        tries = self._tries(DELIVERIES.c.webhook_id == webhook_id)
+        for first in range(0, len(tries), FORGOTTEN_AT_ONCE):
+            self._client.delete_workflows(tries[first : first + FORGOTTEN_AT_ONCE])
+
+    def _tries(self, whose: sa.ColumnElement[bool]) -> list[str]:
+        """Return the names of all tries of some messages."""
+        tried = sa.func.coalesce(sa.func.max(DELIVERY_ATTEMPTS.c.number), 0).label("tried")
+        messages = (
+            sa.select(DELIVERIES.c.id, DELIVERIES.c.plan_id, tried)
+            .join(DELIVERY_ATTEMPTS, DELIVERY_ATTEMPTS.c.delivery_id == DELIVERIES.c.id, isouter=True)
+            .where(whose)
+            .group_by(DELIVERIES.c.id, DELIVERIES.c.plan_id)
+        )
+        # With each try that fails the next one is enqueued.
+        return [
+            delivery_workflow_id(message.plan_id, message.id, number)
+            for message in self._database.rows(messages)
+            for number in range(1, message.tried + 2)
+        ]
 
     def depth(self, most: int, queue: str = QUEUE) -> Depth:
         """Return how many jobs of a queue wait and run, up to `most` each; an index answers without reading a job."""
