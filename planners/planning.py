@@ -368,32 +368,30 @@ class _RemedySearch:
 
     def found(self) -> tuple[list[Remedy], set[str]]:
         """Return what helps, and the kinds of changes that were tried."""
-        changes, pairs = self._changes()
+        changes, with_less_reserve, pairs = self._changes()
         if self._fails_in_physics:
             return self._search([more_kept_back(self._task), *changes], MOST_SIMULATED), self._effort.tried
         remedies = self._search(changes)
-        if not remedies and (pressed := self._pressed_hardest()):
+        if not remedies and (chief := with_less_reserve()):
             # A hold that is short of force may do it and keep less back than is asked for, as any plan may.
-            effort, whole = self._effort, self._attempt
+            effort = self._effort
             left, effort.steps = effort.steps - effort.spent, effort.spent + STEPS_OF_LESS_RESERVE
-            self._attempt = PlanMemory(partial(self._planned, persistent=True), effort)
-            remedies, self._attempt = self._search(pressed), whole
+            attempt = PlanMemory(partial(self._planned, persistent=True), effort)
+            remedies = find_remedies(chief, attempt, self._task, effort, self._on_progress)
             effort.steps = effort.spent + left
         if not remedies:
             self._effort.steps += STEPS_OF_PAIRS
             remedies = self._search(pairs())
         return remedies, self._effort.tried
 
-    def _pressed_hardest(self) -> list[Iterator[TaskChange | None]]:
-        """Return the change that has fingers press their hardest, if the failed plan is short of that."""
-        if isinstance(self._task, PlateLiftTask):
-            return []
-        return ToolChanges(self._task, self._build, self._failed, self._solves).pressed_hardest()
-
     def _changes(
         self,
-    ) -> tuple[Sequence[Iterator[TaskChange | None]], Callable[[], Iterable[Iterator[TaskChange | None]]]]:
-        """Return the changes of every kind, and what gives pairs of them."""
+    ) -> tuple[
+        Sequence[Iterator[TaskChange | None]],
+        Callable[[], Sequence[Iterator[TaskChange | None]]],
+        Callable[[], Iterable[Iterator[TaskChange | None]]],
+    ]:
+        """Return the changes of every kind, and what gives those that may keep less back, and pairs of them."""
         task, failed = self._task, self._failed
         if isinstance(task, PlateLiftTask):
             settings, is_open = lift_settings(task.options), failed.explanation.cup_place is not None
@@ -408,9 +406,9 @@ class _RemedySearch:
             )
             # What physics does not carry out keeps less back than is asked for, most often.
             chief = next((cause.reason for cause in failed.explanation.causes), "")
-            return lift.by_kind(chief, whole_reserve=self._fails_in_physics), lift.in_pairs
+            return lift.by_kind(chief, whole_reserve=self._fails_in_physics), list, lift.in_pairs
         tool = ToolChanges(task, self._build, failed, self._solves)
-        return tool.by_kind(), tool.in_pairs
+        return tool.by_kind(), tool.pressed_hardest, tool.in_pairs
 
     def _search(self, changes: Iterable[Iterator[TaskChange | None]], most: int = MOST_REMEDIES) -> list[Remedy]:
         return find_remedies(changes, self._attempt, self._task, self._effort, self._on_progress, most)

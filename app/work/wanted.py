@@ -50,30 +50,6 @@ class StillWanted:
                 os.close(self._held)
 
 
-class _Turn:
-    """The turn of some work that waits for it in another thread: it is taken once, or given up before."""
-
-    def __init__(self) -> None:
-        self._lock, self._taken, self._given_up = threading.Lock(), False, False
-
-    def take(self) -> None:
-        """Begin to work.
-
-        Raises:
-            NobodyWaits: It was given up.
-        """
-        with self._lock:
-            if self._given_up:
-                raise NobodyWaits
-            self._taken = True
-
-    def give_up(self) -> bool:
-        """Have nothing begun any more; tell whether that was in time."""
-        with self._lock:
-            self._given_up = not self._taken
-            return self._given_up
-
-
 async def left(request: Request) -> None:
     """Return once whoever has sent a request, all of which was read, is gone."""
     while (await request.receive())["type"] != "http.disconnect":
@@ -86,10 +62,12 @@ async def while_waited_for(request: Request, work: Callable[[StillWanted], Worke
     Raises:
         ClientDisconnect: They have gone; nothing works any more.
     """
-    turn = _Turn()
+    # Taken once, by whichever is first: the work begins, or is not to begin any more.
+    turn = threading.Lock()
 
     def begin(wanted: StillWanted) -> Worked:
-        turn.take()
+        if not turn.acquire(blocking=False):
+            raise NobodyWaits
         return work(wanted)
 
     with StillWanted() as wanted:
@@ -104,7 +82,7 @@ async def while_waited_for(request: Request, work: Callable[[StillWanted], Worke
             gone.cancel()
             wanted.no_longer()
             if not working.done():
-                if turn.give_up():
+                if turn.acquire(blocking=False):
                     working.cancel()
                 # Whoever works needs the pipe to its end, and takes a place of the limiter as long.
                 with CancelScope(shield=True):

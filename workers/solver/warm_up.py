@@ -151,7 +151,7 @@ def is_warm(settings: WorkerSettings) -> bool:
     It is a shortcut and no promise: a kernel that is missing all the same is compiled by the solver that needs it.
     """
     try:
-        return all(mark.read_bytes() == _digest(settings).encode() for mark in _marks(settings))
+        return {mark.read_bytes() for mark in _marks(settings)} == {_digest(settings).encode()}
     except OSError:
         return False
 
@@ -159,9 +159,10 @@ def is_warm(settings: WorkerSettings) -> bool:
 def mark_warm(settings: WorkerSettings) -> None:
     """Keep that everything has been compiled and computed; where that cannot be, the next start finds out anew."""
     try:
+        digest = _digest(settings)
         for mark in _marks(settings):
             mark.parent.mkdir(parents=True, exist_ok=True)
-            mark.write_text(_digest(settings))
+            mark.write_text(digest)
     except OSError as error:
         log.warning("not kept that all is warm", folder=str(settings.handovers_dir), error=str(error))
 
