@@ -15,7 +15,7 @@ from app.cli.output import BadInput, refuse
 from app.cli.service_client import ServiceClient, ServiceRefused
 from app.errors import CellIsShipped, ServiceError
 from app.pictures.survey_picture import draw_survey
-from app.resources.cell_collection import CellCollection, look_at
+from app.resources.cell_collection import CellCollection, examined, look_at
 from app.resources.schemas import CellList, CellResource
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, known_cells, load_cells
@@ -176,8 +176,9 @@ class LocalCells:
             BadInput: It is called as a shipped one is.
         """
         with _said_plainly():
-            stored, _ = self._cells.add(bundle)
-        return CellResource.of(stored, self._cells.findings(stored))
+            findings = examined(bundle, self._cells.folder, self._cells.shipped)
+        stored, _ = self._cells.add(bundle, findings)
+        return CellResource.of(stored, findings)
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import lru_cache
+from pathlib import Path
 
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import CellIsShipped, CellNotFound
@@ -13,7 +14,7 @@ from planners.cell.cell import Cell
 from planners.survey.cell_limits import CellLimits
 from planners.survey.faults import doubts_about, load_checked, surveyed
 from planners.survey.survey import CellSurvey
-from workers.stores.cell_store import CellFindings, CellStore, StoredCell
+from workers.stores.cell_store import CellFindings, CellStore, StoredCell, passing
 
 LookAtCell = Callable[[Cell], CellSurvey]
 
@@ -23,6 +24,33 @@ def look_at(cell: Cell) -> CellSurvey:
     survey = CellSurvey.of(cell)
     survey.figures()
     return survey
+
+
+def examined(bundle: CellBundle, folder: Path, shipped: Collection[str]) -> CellFindings:
+    """Return what was found in a cell that is to be one's own; takes seconds, and keeps nothing.
+
+    Args:
+        bundle: the cell.
+        folder: where its files are unpacked meanwhile.
+        shipped: names that it must not have.
+
+    Raises:
+        CellIsShipped: It is called as a shipped one is.
+        AssetError: Something is wrong with it; it lists everything that is.
+    """
+    if bundle.name in shipped:
+        raise CellIsShipped(bundle.name)
+    with passing(bundle, folder, load_checked) as cell:
+        notes = [*bundle.notes, *doubts_about(cell)]
+        return CellFindings.of(surveyed(cell, bundle).figures(), notes, CellLimits.of(cell))
+
+
+def examined_upload(
+    content: bytes, suffix: str, folder: Path, shipped: Collection[str]
+) -> tuple[CellBundle, CellFindings]:
+    """Return a cell as it was sent, a zip or a document by its suffix, and what was found in it; see `examined`."""
+    bundle = CellBundle.of_zip(content) if suffix == ".zip" else CellBundle.of_text(content, f"cell{suffix}")
+    return bundle, examined(bundle, folder, shipped)
 
 
 @lru_cache(maxsize=16)
@@ -123,23 +151,14 @@ class CellCollection(VersionedCells):
         own = {name: found[cell_id] for name, cell_id in ids.items() if cell_id in found}
         return dict(sorted({**shipped, **own}.items()))
 
-    def add(self, bundle: CellBundle) -> tuple[StoredCell, bool]:
-        """Keep a cell in which something can be planned; return it, and whether it was not there before.
+    @property
+    def folder(self) -> Path:
+        """Where cells are unpacked."""
+        return self._store.folder
 
-        Raises:
-            CellIsShipped: It is called as a shipped one is.
-            AssetError: Something is wrong with it; it lists everything that is.
-        """
-        return self._store.add(bundle, self._examined(bundle), self._caller.owner)
-
-    def examine(self, bundle: CellBundle) -> CellFindings:
-        """Return what a cell can do, without keeping it.
-
-        Raises:
-            CellIsShipped: It is called as a shipped one is.
-            AssetError: Something is wrong with it; it lists everything that is.
-        """
-        return self._examined(bundle)
+    def add(self, bundle: CellBundle, findings: CellFindings) -> tuple[StoredCell, bool]:
+        """Keep a cell, in which `examined` has found this; return it, and whether it was not there before."""
+        return self._store.add(bundle, findings, self._caller.owner)
 
     def survey(self, name: str, look: LookAtCell) -> CellSurvey:
         """Return what was found in a cell, looked at as `look_at` does, if it was not before.
@@ -173,13 +192,6 @@ class CellCollection(VersionedCells):
             CellNotFound: There is none.
         """
         self._store.delete(self.stored(cell_id).id)
-
-    def _examined(self, bundle: CellBundle) -> CellFindings:
-        if bundle.name in self.shipped:
-            raise CellIsShipped(bundle.name)
-        with self._store.passing(bundle, load_checked) as cell:
-            notes = [*bundle.notes, *doubts_about(cell)]
-            return CellFindings.of(surveyed(cell, bundle).figures(), notes, CellLimits.of(cell))
 
     def _find(self, name: str) -> StoredCell | None:
         stored = self._store.get(name)

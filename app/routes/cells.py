@@ -9,14 +9,17 @@ from anyio import to_thread
 from fastapi import APIRouter, Depends, Request, Response
 
 from app.pictures.survey_picture import draw_survey
-from app.resources.cell_collection import look_at
+from app.resources.cell_collection import CellCollection, examined_upload, look_at
 from app.resources.schemas import PROBLEM, CellList, CellResource
 from app.routes.dependencies import Bench, Cells, Settings
+from app.settings import ServiceSettings
 from app.uploads.form import FORM
 from app.uploads.uploads import CELL_TYPES, FIELD, UploadLimits, read_cell
 from app.work.wanted import StillWanted, while_waited_for
+from app.work.workbench import Workbench
 from planners.cell.bundle import CellBundle
 from planners.survey.survey import SurveyFigures
+from workers.stores.cell_store import CellFindings
 
 NOT_FOUND: dict[int | str, dict[str, Any]] = {404: {**PROBLEM, "description": "No such cell"}}
 REFUSED: dict[int | str, dict[str, Any]] = {
@@ -56,21 +59,16 @@ CellGate = Annotated[UploadLimits, Depends(_limits)]
     responses={**REFUSED, 200: {"model": CellResource, "description": "The same cell was there already"}},
 )
 async def post_cell(
-    request: Request, response: Response, cells: Cells, settings: Settings, limits: CellGate
+    request: Request, response: Response, cells: Cells, settings: Settings, bench: Bench, limits: CellGate
 ) -> CellResource:
     """Take a cell in: a zip of its files, or one document of YAML or JSON in which every part stands itself.
 
     It becomes the next version of its name. docs/cell.md tells how to describe one.
     """
-
-    def add(content: bytes, suffix: str) -> tuple[CellResource, bool]:
-        stored, is_new = cells.add(_bundle(content, suffix))
-        return CellResource.of(stored, cells.findings(stored)), is_new
-
     async with limits.held:
-        resource, is_new = await to_thread.run_sync(
-            add, *await read_cell(request, settings.max_cell_bytes, settings), limiter=limits.worked
-        )
+        bundle, findings = await _examined(request, cells, settings, bench, limits)
+        stored, is_new = await to_thread.run_sync(cells.add, bundle, findings)
+    resource = CellResource.of(stored, findings)
     response.status_code = 201 if is_new else 200
     response.headers["Location"] = resource.links.self
     return resource
@@ -79,11 +77,25 @@ async def post_cell(
 @router.post(
     "/surveys", summary="Check a cell without keeping it", openapi_extra=CELL_BODY, responses=REFUSED, status_code=200
 )
-async def post_survey(request: Request, cells: Cells, settings: Settings, limits: CellGate) -> SurveyFigures:
+async def post_survey(
+    request: Request, cells: Cells, settings: Settings, bench: Bench, limits: CellGate
+) -> SurveyFigures:
     """Return what a cell can do: where its hands reach and what they bear there; and what was noticed in its files."""
     async with limits.held:
-        content, suffix = await read_cell(request, settings.max_cell_bytes, settings)
-        return await to_thread.run_sync(lambda: cells.examine(_bundle(content, suffix)), limiter=limits.worked)
+        _, findings = await _examined(request, cells, settings, bench, limits)
+    return findings
+
+
+async def _examined(
+    request: Request, cells: CellCollection, settings: ServiceSettings, bench: Workbench, limits: UploadLimits
+) -> tuple[CellBundle, CellFindings]:
+    """Return the cell that a request brings, and what was found in it."""
+    content, suffix = await read_cell(request, settings.max_cell_bytes, settings)
+
+    def examine(wanted: StillWanted) -> tuple[CellBundle, CellFindings]:
+        return bench.do(wanted, examined_upload, content, suffix, cells.folder, frozenset(cells.shipped))
+
+    return await while_waited_for(request, examine, limits.worked)
 
 
 @router.get("/cells", summary="List cells")
@@ -145,7 +157,3 @@ async def get_survey_picture(request: Request, cell_id: str, cells: Cells, bench
 def delete_cell(cell_id: str, cells: Cells) -> None:
     """Have a cell for no more tasks; plans that are in it keep it, whether they have ended or not."""
     cells.delete(cell_id)
-
-
-def _bundle(content: bytes, suffix: str) -> CellBundle:
-    return CellBundle.of_zip(content) if suffix == ".zip" else CellBundle.of_text(content, f"cell{suffix}")

@@ -138,6 +138,11 @@ class _Cones:
         row[index] = -1.0
         self.linear.append((row, bound))
 
+    def at_least(self, index: int, bound: float) -> None:
+        row = np.zeros(self.size)
+        row[index] = 1.0
+        self.linear.append((row, -bound))
+
     def no_more_than(self, row: Array, index: int) -> None:
         """Bound `row @ x`, with a row (size,), by the variable at an index."""
         bounded = -row
@@ -302,6 +307,8 @@ class Template:
             row[columns.lifter] = part
             cones.linear.append((row, float(offset)))
         if columns.push is not None:
+            if limits.least_push > 0.0:
+                cones.at_least(columns.push.start + 2, limits.least_push)
             cones.friction(cones.of_variables(columns.push), friction.push)
             cones.norm_at_most(cones.of_variables(columns.push), limits.push)
         for point in columns.environment:

@@ -130,6 +130,8 @@ class HandLimits:
     """Cap of the norm of the stick's force [N]."""
     squeeze: float | None = 60.0
     """What each pad presses with when the gripper bears nothing [N]; None for the free fingers of paper B."""
+    least_push: float = 0.0
+    """Normal force that the stick has to press with at least [N]: none in (5), which only says whether it is held."""
 
     def __post_init__(self) -> None:
         _require_not_negative(self)
@@ -145,9 +147,9 @@ class HandLimits:
         return min(self.normal, self.push)
 
     def keeping_back(self, reserve: float) -> HandLimits:
-        """Return the limits with that share kept back; the squeeze is commanded and stays [1]."""
+        """Return the limits with that share kept back; what is commanded, squeeze and least push, stays [1]."""
         left = 1.0 - reserve
-        return HandLimits(left * self.normal, left * self.grip, left * self.push, self.squeeze)
+        return replace(self, normal=left * self.normal, grip=left * self.grip, push=left * self.push)
 
 
 def contact_axes(normal: Array) -> Array:

@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from app.access.caller import ANYBODY, Caller, Scope
 from app.cli.keys_command import issue_key
-from app.resources.cell_collection import CellCollection
+from app.resources.cell_collection import CellCollection, examined
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import ShippedCells
 from workers.settings import WorkerSettings
@@ -128,11 +128,11 @@ def test_without_keys_and_for_what_is_an_owners_a_name_is_looked_up_in_their_cel
     with closing(open_database(WorkerSettings(data_dir=tmp_path))) as database:
         everybodys = CellCollection(ShippedCells(), CellStore(database, tmp_path / "cells"))
         callers = {"writer": ANYBODY, "stranger": Caller("1", "other", Scope.WRITE)}
-        added = {
-            name: everybodys.seen_by(caller).add(CellBundle.of_text(json.dumps(station_of(name)).encode(), "cell.json"))
-            for name, caller in callers.items()
-        }
-        ids = {name: stored.id for name, (stored, _) in added.items()}
+        ids = {}
+        for name, caller in callers.items():
+            bundle = CellBundle.of_text(json.dumps(station_of(name)).encode(), "cell.json")
+            found = examined(bundle, everybodys.folder, everybodys.shipped)
+            ids[name] = everybodys.seen_by(caller).add(bundle, found)[0].id
         assert everybodys.lasting_name("station") == ids["writer"]
         assert everybodys.of_owner("other").lasting_name("station") == ids["stranger"]
         assert set(ids.values()) <= set(filter(everybodys.of_owner("nobody").__contains__, ids.values()))

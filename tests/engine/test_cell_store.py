@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from support.service import task
 
 from app.access.caller import Caller, Scope
 from app.errors import CellIsShipped, PointNotFound
-from app.resources.cell_collection import CellCollection
+from app.resources.cell_collection import CellCollection, examined
 from app.resources.plan_collection import PlanCollection
 from app.resources.study_collection import StudyCollection
 from app.routes.capabilities import get_capabilities
@@ -26,7 +25,7 @@ from planners.errors import AssetError
 from planners.study.study import Study
 from planners.survey.cell_limits import CellLimits
 from workers.engine.housekeeping import clear_cells
-from workers.stores.cell_store import SETTLED_SECONDS, CellStore
+from workers.stores.cell_store import SETTLED_SECONDS, CellFindings, CellStore, StoredCell
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.plan_store import PlanStore, Room
@@ -53,6 +52,17 @@ def found(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
 
 
+def examine(collection: CellCollection, each: CellBundle) -> CellFindings:
+    """Return what is found in a cell, as whoever takes one in does before."""
+    return examined(each, collection.folder, collection.shipped)
+
+
+def add(collection: CellCollection, each: CellBundle) -> StoredCell:
+    """Have a collection keep a cell."""
+    stored, _ = collection.add(each, examine(collection, each))
+    return stored
+
+
 def long_ago(folder: Path) -> None:
     """Have all that is in a folder been there for longer than anybody may still want it."""
     for path in folder.iterdir():
@@ -62,24 +72,23 @@ def long_ago(folder: Path) -> None:
 @pytest.mark.slow
 def test_what_is_checked_or_refused_leaves_nothing_behind(cells: CellStore, folder: Path) -> None:
     collection = CellCollection(load_cells(), cells)
-    assert collection.examine(bundle()).cell == "station"
+    assert examine(collection, bundle()).cell == "station"
     assert found(folder) == []
-    refused: list[tuple[Callable[[CellBundle], object], CellBundle, type[Exception]]] = [
-        (collection.examine, bundle(gravity=[0, 0, 0]), AssetError),
-        (collection.add, bundle(gravity=[0, 0, 0]), AssetError),
-        (collection.add, bundle(mount="nowhere"), AssetError),
-        (collection.add, bundle(name="dual_ur3e_lift"), CellIsShipped),
+    refused: list[tuple[CellBundle, type[Exception]]] = [
+        (bundle(gravity=[0, 0, 0]), AssetError),
+        (bundle(mount="nowhere"), AssetError),
+        (bundle(name="dual_ur3e_lift"), CellIsShipped),
     ]
-    for take, each, error in refused:
+    for each, error in refused:
         with pytest.raises(error):
-            take(each)
+            examine(collection, each)
         assert found(folder) == []
 
 
 @pytest.mark.slow
 def test_a_cell_that_was_kept_is_unpacked_once_somebody_wants_it(cells: CellStore, folder: Path) -> None:
     kept = bundle()
-    stored, _ = CellCollection({}, cells).add(kept)
+    stored = add(CellCollection({}, cells), kept)
     loaded = cells.load(stored.id)
     assert loaded is not None
     assert found(folder) == [kept.digest]
@@ -89,7 +98,7 @@ def test_a_cell_that_was_kept_is_unpacked_once_somebody_wants_it(cells: CellStor
 @pytest.mark.slow
 def test_files_that_belong_to_no_cell_are_removed_once_nobody_can_want_them(cells: CellStore, folder: Path) -> None:
     collection, kept, other = CellCollection({}, cells), bundle(), bundle(gravity=[0, 0, -9.8])
-    stored, _ = collection.add(kept)
+    stored = add(collection, kept)
     cells.load(stored.id)
     other.unpack(folder)
     (folder / ".unpacking-killed").mkdir()
@@ -108,7 +117,7 @@ def test_a_cell_of_anybody_keeps_its_files_and_a_forgotten_one_comes_back_with_t
 ) -> None:
     kept = bundle()
     collections = [CellCollection({}, cells, Caller(None, owner, Scope.WRITE)) for owner in ("somebody", None)]
-    ids = [collection.add(kept)[0].id for collection in collections]
+    ids = [add(collection, kept).id for collection in collections]
     assert cells.load(ids[0]) is not None
     monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
     for cell_id, left in zip(ids, ([kept.digest], []), strict=True):
@@ -116,14 +125,14 @@ def test_a_cell_of_anybody_keeps_its_files_and_a_forgotten_one_comes_back_with_t
         long_ago(folder)
         clear_cells(cells)
         assert found(folder) == left
-    again, _ = collections[0].add(kept)
+    again = add(collections[0], kept)
     loaded = cells.load(again.id)
     assert loaded is not None
     assert loaded.shelf.folders[0].is_dir()
 
 
 def test_what_somebody_asks_for_again_is_not_removed_under_their_hands(cells: CellStore, folder: Path) -> None:
-    stored, _ = CellCollection({}, cells).add(bundle())
+    stored = add(CellCollection({}, cells), bundle())
     place = cells.unpacked(stored.id)
     assert place is not None
     long_ago(folder)
@@ -133,7 +142,7 @@ def test_what_somebody_asks_for_again_is_not_removed_under_their_hands(cells: Ce
 
 @pytest.mark.slow
 def test_limits_of_cells_are_told_without_loading_one(database: Database, cells: CellStore, folder: Path) -> None:
-    CellCollection({}, cells).add(bundle())
+    add(CellCollection({}, cells), bundle())
     told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
     assert found(folder) == []
     expected = CellLimits.of(bundle().load(folder))
@@ -145,7 +154,7 @@ def test_limits_that_an_earlier_version_did_not_keep_are_looked_up_once(
     database: Database, cells: CellStore, folder: Path
 ) -> None:
     collection = CellCollection({}, cells)
-    stored, _ = collection.add(bundle())
+    stored = add(collection, bundle())
     findings = collection.findings(stored)
     assert findings is not None
     with database.engine.begin() as transaction:
@@ -164,7 +173,7 @@ def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
 ) -> None:
     collection = CellCollection({}, cells)
     for name in ("sound", "broken"):
-        stored, _ = collection.add(bundle(name=name))
+        stored = add(collection, bundle(name=name))
     findings = collection.findings(stored)
     assert findings is not None
     with database.engine.begin() as transaction:
@@ -181,7 +190,7 @@ def test_a_deleted_cell_stays_while_a_study_is_in_it_and_then_no_point_can_be_pl
 ) -> None:
     monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
     collection, studies, room = CellCollection({}, cells), StudyStore(database, store, queue), Room(9, 9, 9)
-    cell, _ = collection.add(bundle())
+    cell = add(collection, bundle())
     axes = [{"pointer": "/cup/max_force", "values": [20.0, 30.0]}]
     study = Study.read({"task": task("pb1.json", cell=cell.id), "axes": axes}, lambda sent: sent, 9)
     kept, forgotten = (studies.accept(study, None, None, "sent") for _ in range(2))
@@ -205,7 +214,7 @@ def test_a_deleted_cell_goes_with_the_last_study_in_it(
     database: Database, cells: CellStore, queue: JobQueue, store: PlanStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
-    cell, _ = CellCollection({}, cells).add(bundle())
+    cell = add(CellCollection({}, cells), bundle())
     studies = StudyStore(database, store, queue)
     axes = [{"pointer": "/cup/max_force", "values": [20.0, 30.0]}]
     study = Study.read({"task": task("pb1.json", cell=cell.id), "axes": axes}, lambda sent: sent, 9)

@@ -19,7 +19,7 @@ from fastapi import FastAPI
 import app.create_app as creation
 from app.access import authenticator
 from app.access.key_store import KeyStore
-from app.resources.cell_collection import CellCollection
+from app.resources.cell_collection import examined_upload
 from app.server.answer_headers import AnswerHeaders
 from app.settings import ServiceSettings
 from app.work.wanted import StillWanted
@@ -96,31 +96,30 @@ def sparing_repeats() -> Iterator[None]:
     What is loaded ahead in each life is loaded when it is first wanted. A key that was revoked may open the service for
     a second more; here that second is none.
     """
-    examined, do = CellCollection._examined, Workbench.do
-    cells: dict[str, Any] = {}
+    do = Workbench.do
+    cells: dict[tuple[bytes, str], Any] = {}
     scenes: dict[tuple[str, ...], Any] = {}
 
-    def examine(self: CellCollection, bundle: Any) -> Any:
-        if bundle.digest not in cells:
-            cells[bundle.digest] = examined(self, bundle)
-        return cells[bundle.digest]
-
-    def perceive_once(self: Workbench, wanted: StillWanted, work: Any, *given: Any) -> Any:
-        if work is not perceive:
-            return do(self, wanted, work, *given)
-        scan, files, cell = given
-        shown = (scan.model_dump_json(), *(f"{name} {hash(files[name])}" for name in sorted(files)))
-        if shown not in scenes:
-            scenes[shown] = perceive(scan, files, cell)
-        return scenes[shown]
+    def do_once(self: Workbench, wanted: StillWanted, work: Any, *given: Any) -> Any:
+        if work is perceive:
+            scan, files, cell = given
+            shown = (scan.model_dump_json(), *(f"{name} {hash(files[name])}" for name in sorted(files)))
+            if shown not in scenes:
+                scenes[shown] = perceive(scan, files, cell)
+            return scenes[shown]
+        if work is examined_upload:
+            content, suffix, *_ = given
+            if (content, suffix) not in cells:
+                cells[content, suffix] = examined_upload(*given)
+            return cells[content, suffix]
+        return do(self, wanted, work, *given)
 
     silent = structlog.make_filtering_bound_logger(logging.CRITICAL)
     told = structlog.get_config()["wrapper_class"]
     structlog.configure(wrapper_class=silent)
     try:
         with (
-            mock.patch.object(CellCollection, "_examined", examine),
-            mock.patch.object(Workbench, "do", perceive_once),
+            mock.patch.object(Workbench, "do", do_once),
             mock.patch.object(creation, "_load_ahead"),
             mock.patch.object(authenticator, "TRUSTED_SECONDS", 0.0),
         ):

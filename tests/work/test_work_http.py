@@ -15,6 +15,7 @@ import httpx
 import psutil
 import pytest
 from support.lift_documents import lift_document
+from support.own_cell import station
 from support.scan_frames import shipped
 from support.service import finished, task, wait_for
 from support.serving import served
@@ -130,3 +131,16 @@ def test_a_cell_is_surveyed_in_a_process_of_its_own_and_once(
     assert found.json() == look_at(load_cell("dual_ur3e_lift")).figures().model_dump(mode="json")
     monkeypatch.setattr(cells, "look_at", works.die)
     assert client.get(path).json() == found.json()
+
+
+@pytest.mark.parametrize("path", ["/v1/cells", "/v1/surveys"])
+@pytest.mark.slow
+def test_a_cell_that_is_sent_is_examined_in_a_process_of_its_own(
+    client: httpx.Client, monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    for work, status in ((works.grow, 422), (works.die, 503), (works.refuse, 422)):
+        monkeypatch.setattr(cells, "examined_upload", work)
+        assert client.post(path, json=station()).status_code == status
+    monkeypatch.undo()
+    assert client.get("/v1/cells/station").status_code == 404
+    assert client.post(path, json=station()).is_success

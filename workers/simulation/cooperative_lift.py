@@ -19,6 +19,7 @@ from planners.lifting.lift_goal import LiftGoal, lift_goal
 from planners.lifting.lift_loop import HungPlate, box_inertia, design_gains, felt_mass, moved_stiffness
 from planners.lifting.lift_path import LiftPath, LiftPathSettings, lift_path
 from planners.manipulation.reach.lift_workcell import PLATE_FRAME, LiftWorkcell
+from planners.manipulation.statics.lift_programs import balance_program
 from planners.scene.lift_scene import PlateLiftScene
 from workers.simulation.hands import GrippingHand, PushingHand
 from workers.simulation.lifter import WinchProfile
@@ -61,7 +62,7 @@ class LiftForces:
         pads = np.array([touch.anchors[:4].mean(axis=0), touch.anchors[4:].mean(axis=0)]) + com
         grip = GripContacts(pads, touch.normals[[0, 4]])
         push = PushContact(pushing.touch.anchors[0] + com, pushing.touch.normals[0])
-        goal = lift_goal(scene, R_world_plate, grip, push)
+        goal = lift_goal(balance_program(scene), R_world_plate, grip, push)
         if goal is None:
             return None
         each = dict(zip(goal.balance.contacts, goal.balance.wrenches_world, strict=True))

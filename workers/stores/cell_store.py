@@ -78,6 +78,26 @@ _COLUMNS: list[sa.ColumnElement[Any]] = [column for column in CELLS.c if column.
 log = structlog.get_logger(__name__)
 
 
+@contextmanager
+def passing(
+    bundle: CellBundle, folder: Path, load: Callable[[CellBundle, Path], Cell] = CellBundle.load
+) -> Iterator[Cell]:
+    """Load a cell without keeping it: its files are gone behind the block.
+
+    Args:
+        bundle: the cell.
+        folder: in which a place for its files is made.
+        load: loads it, unpacked below a folder.
+
+    Raises:
+        AssetError: Something is wrong with it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    # Not where the system keeps what is temporary: that may be memory, and a cell has up to 64 MB.
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".checking-") as place:
+        yield load(bundle, Path(place))
+
+
 class CellStore:
     """Reads and writes cells. Every method is one transaction; safe to share between threads."""
 
@@ -193,22 +213,6 @@ class CellStore:
                 self._loaded.popitem(last=False)
         return cell
 
-    @contextmanager
-    def passing(self, bundle: CellBundle, load: Callable[[CellBundle, Path], Cell] = CellBundle.load) -> Iterator[Cell]:
-        """Load a cell without keeping it: its files are gone behind the block.
-
-        Args:
-            bundle: the cell.
-            load: loads it, unpacked below a folder.
-
-        Raises:
-            AssetError: Something is wrong with it.
-        """
-        self.folder.mkdir(parents=True, exist_ok=True)
-        # Not where the system keeps what is temporary: that may be memory, and a cell has up to 64 MB.
-        with tempfile.TemporaryDirectory(dir=self.folder, prefix=".checking-") as place:
-            yield load(bundle, Path(place))
-
     def delete(self, cell_id: str) -> None:
         """Have a cell for no more tasks; its files go when no plan and no study is in it any more."""
         self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(deleted_us=now_us()))
@@ -247,7 +251,7 @@ class CellStore:
             bundle = self._bundle(cell_id)
             if bundle is None:
                 return None
-            with self.passing(bundle) as cell:
+            with passing(bundle, self.folder) as cell:
                 return CellLimits.of(cell)
         except AssetError as error:
             log.warning("a cell that is kept cannot be loaded", cell_id=cell_id, error=str(error))
