@@ -29,7 +29,7 @@ class JointLimits:
 class RateLimit:
     """Limit on a scalar x that moves along with a path, such as the way a plate's centre has travelled.
 
-    `|dx/ds · ds/dt| <= velocity` and `|dx/ds · d²s/dt²| <= acceleration`.
+    `|dx/ds · ds/dt| <= velocity` and `|dx/ds · d²s/dt² + curvature · (ds/dt)²| <= acceleration`.
     """
 
     rate: Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -38,6 +38,8 @@ class RateLimit:
     """Unit of x per second; inf for none."""
     acceleration: float = np.inf
     """Unit of x per second squared; inf for none."""
+    curvature: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.zeros_like
+    """s (n,) -> what the square of the speed adds (n,)."""
 
 
 ROUNDING = 1e-9
@@ -114,7 +116,7 @@ class _Sampled:
     speed: NDArray[np.float64]
     """(n,) |ds/dt|."""
     rate: NDArray[np.float64]
-    """(n,) |d²s/dt²|."""
+    """(n,) d²s/dt²."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,7 @@ class _PieceTiming:
         points = path.evaluate(self.s)
         rates = self._rates(self.s)
         self.first = np.hstack([points.first, rates])
-        self.second = np.hstack([points.second, np.zeros_like(rates)])
+        self.second = np.hstack([points.second, self._curvatures(self.s)])
         finite = np.isfinite(self.first).all(axis=1) & np.isfinite(self.second).all(axis=1)
         if not finite.all():
             raise TimingError(f"the path is not finite near s = {self.s[np.argmin(finite)]:.6g}")
@@ -207,7 +209,8 @@ class _PieceTiming:
         if self.rate_limits:
             rates = self._rates(trajectory.path_parameter)
             rate_v = (rates * sampled.speed[:, None] / self.rate_velocity).max(axis=1)
-            rate_a = (rates * sampled.rate[:, None] / self.rate_acceleration).max(axis=1)
+            curved = self._curvatures(trajectory.path_parameter) * sampled.speed[:, None] ** 2
+            rate_a = (np.abs(rates * sampled.rate[:, None] + curved) / self.rate_acceleration).max(axis=1)
             excess_v = np.maximum(excess_v, _greater_end(rate_v))
             excess_a = np.maximum(excess_a, _greater_end(rate_a))
         return excess_v, excess_a
@@ -223,6 +226,10 @@ class _PieceTiming:
     def _rates(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
         """dx/ds (n, c) of the quantities of the c rate limits."""
         return np.array([limit.rate(s) for limit in self.rate_limits]).reshape(-1, s.size).T
+
+    def _curvatures(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the square of the speed adds to them, (n, c)."""
+        return np.array([limit.curvature(s) for limit in self.rate_limits]).reshape(-1, s.size).T
 
 
 class _Motion:
@@ -260,7 +267,7 @@ class _Motion:
         velocities = points.first * speed[:, None]
         accelerations = points.second * speed[:, None] ** 2 + points.first * rate[:, None]
         trajectory = Trajectory(at * stretch, points.positions, velocities, accelerations, s)
-        return _Sampled(trajectory, np.abs(speed), np.abs(rate))
+        return _Sampled(trajectory, np.abs(speed), rate)
 
     def slow_where(self, excess: NDArray[np.float64], time: NDArray[np.float64], factors: NDArray[np.float64]) -> None:
         """Divide the limits' factors by the excess at all grid points that the smoothed interval averages over."""

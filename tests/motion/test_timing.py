@@ -303,6 +303,26 @@ def test_a_rate_limit_holds_where_the_rate_varies() -> None:
     assert (np.diff(way(slow.path_parameter)) / np.diff(slow.time)).max() <= 0.1 * (1.0 + 1e-6)
 
 
+def test_a_rate_limit_holds_with_what_the_square_of_the_speed_adds() -> None:
+    """As of a point on a bend: what is limited changes along the path, and so does what the bend adds."""
+    path = CurvePath(circle, length=2.0 * np.pi)
+
+    def rate(s: Array) -> Array:
+        return 2.0 + np.sin(s)
+
+    def curvature(s: Array) -> Array:
+        return 3.0 + 2.0 * np.cos(2.0 * s)
+
+    limits = [RateLimit(rate, np.inf, 0.5, curvature), RateLimit(lambda s: -rate(s), np.inf, 0.5, curvature)]
+    slow, fast = time_path(path, UR3E, rate_limits=limits), time_path(path, UR3E)
+    s, t = slow.path_parameter, slow.time
+    speed = np.gradient(s, t)
+    asked = rate(s) * np.abs(np.gradient(speed, t)) + curvature(s) * speed**2
+    assert asked[2:-2].max() <= 0.5 * 1.02
+    assert np.median(asked) > 0.4
+    assert slow.duration > fast.duration
+
+
 @pytest.mark.parametrize(("velocity_scale", "acceleration_scale"), [(0.3, 1.0), (1.0, 0.1), (0.2, 0.2)])
 def test_scales_lower_the_limits(velocity_scale: float, acceleration_scale: float) -> None:
     settings = TimingSettings(velocity_scale=velocity_scale, acceleration_scale=acceleration_scale)

@@ -252,6 +252,37 @@ def test_a_stretched_motion_holds_with_its_inertia_twice_and_a_little_less_does_
     assert held.worst(*swing(held, step=0.97 * sudden, way=0.15, turn=0.1)).margin < 0.0
 
 
+def passed(along: ToolSegment, time: Array) -> ToolSegment:
+    """Return a segment with its samples at other times."""
+    return replace(along, trajectory=replace(along.trajectory, time=time))
+
+
+def test_a_path_that_is_passed_evenly_and_as_fast_as_is_borne_holds_and_faster_does_not() -> None:
+    held = statics(mass=1.2)
+    along, places = swing(held, step=0.01, way=0.15, turn=0.1)
+    borne = held.borne_rates(along, places, 20.0, 20.0)
+    assert borne is not None
+    # Twice the inertia is allowed for.
+    fastest = math.sqrt(2.0 * borne.squared_speed.min())
+    assert held.worst(passed(along, borne.parameter / fastest), places).margin == pytest.approx(0.0, abs=1e-3)
+    assert held.worst(passed(along, borne.parameter / (1.02 * fastest)), places).margin < -1e-3
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_path_on_which_speed_is_gained_as_fast_as_is_borne_holds(backwards: bool) -> None:
+    held = statics(mass=1.2)
+    along, places = swing(held, step=0.01, way=0.15, turn=0.1)
+    borne = held.borne_rates(along, places, 20.0, 20.0)
+    assert borne is not None
+    s = borne.parameter[-1] - borne.parameter[::-1] if backwards else borne.parameter
+    bound = np.min(1.0 / (1.0 / borne.rate + 2.0 * (s[-1] - s if backwards else s) / borne.squared_speed))
+    for share, holds in ((1.0, True), (4.0, False)):
+        time = np.sqrt(2.0 * s / (share * 2.0 * bound))
+        time = time[-1] - time[::-1] if backwards else time
+        worst = held.worst(passed(along, time), places)
+        assert (worst.margin >= -1e-2) == holds
+
+
 def test_a_motion_that_holds_is_not_stretched_and_one_that_never_holds_is_given_up() -> None:
     light, heavy = statics(), statics(mass=3.0)
     assert light.stretch(*swing(light)) == 1.0

@@ -6,6 +6,8 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from planners.kinematics.forward import flange_poses
 from planners.motion.checker import EdgeChecker
 from planners.motion.path import CurvePath, JointPath
 from planners.motion.timing import JointLimits, RateLimit, TimingError, TimingSettings, time_path
+from planners.motion.trajectory import Trajectory
 from planners.plan.segment import SegmentKind
 from planners.regrasp.motion.cartesian_path import CartesianPath, Onward, Posture, StraightLeg
 from planners.regrasp.motion.scene_state import SceneState, SegmentWriter
@@ -31,7 +34,7 @@ from planners.regrasp.tool_settings import ToolPlannerSettings
 
 SLOWER = 1.05
 """A motion that cup or fingers do not hold is slowed by this much more than it need be: its timing changes too."""
-SLOWINGS = 4
+SLOWINGS = 5
 """How often a motion is slowed before it is given up."""
 TOUCH = "{} and {} would touch"
 """What is said of two bodies."""
@@ -247,14 +250,18 @@ class ToolMotion:
         if path.length == 0.0:
             return state
         joints, slowness = self.workcell.joints(arm.name), 1.0
-        laden = self._laden(state, arm, kind)
+        laden, borne = self._laden(state, arm, kind), None
         for _ in range(SLOWINGS):
             limits = JointLimits(arm.velocity_max / slowness, arm.acceleration_max / slowness**2)
-            slower = [RateLimit(r.rate, r.velocity / slowness, r.acceleration / slowness**2) for r in rates]
+            slower = [
+                replace(r, velocity=r.velocity / slowness, acceleration=r.acceleration / slowness**2)
+                for r in (*rates, *(borne or ()))
+            ]
             try:
-                trajectory = of_both_arms(time_path(path, limits, timing, slower), state.q, joints)
+                timed = time_path(path, limits, timing, slower)
             except TimingError as error:
                 raise Stuck(Rejection("transit", f"{arm.name} arm: {error}")) from error
+            trajectory = of_both_arms(timed, state.q, joints)
             moved = self.writer.appended(state, kind, (arm.name,), trajectory)
             stretch = laden.stretch(trajectory, joints, self.settings.torque.motion_reserve, kind.value)
             if isinstance(stretch, Rejection):
@@ -265,11 +272,34 @@ class ToolMotion:
                     rejection = self.statics.worst(moved.segments[-1], state.places).rejection
                     assert rejection is not None
                     raise Stuck(rejection)
+                if held > 1.0 and borne is None:
+                    borne = self._borne(state, arm, path, timed)
+                    continue
                 stretch = max(stretch, held)
             if stretch <= 1.0:
                 return moved
             slowness *= SLOWER * stretch
         raise Stuck(Rejection("hold", "no motion slow enough for joints, cup and fingers was found"))
+
+    def _borne(self, state: SceneState, arm: Arm, path: JointPath, timed: Trajectory) -> tuple[RateLimit, ...]:
+        """Return what makes a motion of one arm along a path so slow, where it must be, that cup and fingers hold.
+
+        Where the tool hangs askew fingers bear little inertia, elsewhere much: a motion that is slowed as a whole is as
+        slow as in the worst place everywhere. `timed` is the motion that is too fast.
+        """
+        joints = self.workcell.joints(arm.name)
+        s = np.unique(np.concatenate([path.grid(*ends) for ends in pairwise([0.0, *path.stops, path.length])]))
+        points = path.evaluate(s)
+        along = of_both_arms(Trajectory(s, points.positions, points.first, points.second, s), state.q, joints)
+        segment = self.writer.appended(state, SegmentKind.TRANSFER, (arm.name,), along).segments[-1]
+        speeds = np.diff(timed.path_parameter) / np.diff(timed.time)
+        rates = np.diff(speeds) / np.diff(timed.time)[1:]
+        borne = self.statics.borne_rates(segment, state.places, float(np.abs(rates).max()), float(speeds.max() ** 2))
+        if borne is None:
+            return ()
+        turning = partial(_inverse_between, borne.parameter, borne.squared_speed)
+        faster, slower = (partial(_inverse_between, borne.parameter, sign * borne.rate) for sign in (1.0, -1.0))
+        return RateLimit(faster, np.inf, 1.0, turning), RateLimit(slower, np.inf, 1.0, turning)
 
     def approach(self, T_world_flange: Transform) -> StraightLeg:
         """Return the way of a hand along its own z to where it grips."""
@@ -308,3 +338,8 @@ def moved_by(T: Transform, way: Array) -> Transform:
 
 def _point(T: Transform, point: Array) -> Array:
     return T[:3, :3] @ point + T[:3, 3]
+
+
+def _inverse_between(parameter: Array, values: Array, s: Array) -> Array:
+    """Return one over values (k,) of parameters (k,), at (n,) of them."""
+    return 1.0 / np.interp(s, parameter, values)

@@ -104,6 +104,22 @@ class WorstHold:
 
 
 @dataclass(frozen=True, eq=False)
+class BorneRates:
+    """How fast a path q(s) may be passed for cup and fingers to hold.
+
+    They hold where |d²s/dt²| / `rate` + (ds/dt)² / `squared_speed` is at most 1: what they bear is convex, and of a
+    load's inertia one part is proportional to each.
+    """
+
+    parameter: Array
+    """(n,) s."""
+    rate: Array
+    """(n,) most d²s/dt² at rest there."""
+    squared_speed: Array
+    """(n,) most (ds/dt)² at an even pace."""
+
+
+@dataclass(frozen=True, eq=False)
 class _Load:
     """What one body asks for at n samples: its weight, and its inertia at the speed of the motion."""
 
@@ -118,9 +134,9 @@ class _Load:
     gyration: float
     """The body's largest radius of gyration [m]."""
 
-    def wrenches(self, slowness: float = 1.0) -> Array:
-        """Return (n, 6) that must be exerted on the body, about its centre of mass, if time is stretched so much."""
-        return -(self.weight + self.inertia / slowness**2)
+    def wrenches(self, slowness: Array | None = None) -> Array:
+        """Return (n, 6) that must be exerted on the body, about its centre of mass, if time is stretched by (n,)."""
+        return -(self.weight + (self.inertia if slowness is None else self.inertia / slowness[:, None] ** 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +167,14 @@ class _Bearing:
     """Of all limits."""
 
     @property
+    def left(self) -> Array:
+        """(n,) What is left of the nearest limit [1]."""
+        return 1.0 - np.max([each.used for each in self.uses], axis=0)
+
+    @property
     def margin(self) -> float:
         """What is left of the nearest limit at the worst sample."""
-        return 1.0 - max(float(use.used.max()) for use in self.uses)
+        return float(self.left.min())
 
     @property
     def nearest(self) -> tuple[_Use, int]:
@@ -164,8 +185,7 @@ class _Bearing:
     def reserve(self) -> HeldReserve:
         """Return what is left of all limits along the motion."""
         use, sample = self.nearest
-        left = 1.0 - np.max([each.used for each in self.uses], axis=0)
-        return HeldReserve(left, sample, use.words, use.body)
+        return HeldReserve(self.left, sample, use.words, use.body)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,20 +234,63 @@ class HoldStatics:
         """
         if not bearers(segment):
             return 1.0
-        loads = self._loads(segment, places)
+        slowness = self._slowness(segment, self._loads(segment, places))
+        return None if slowness is None else float(slowness.max())
 
-        def holds(slowness: float) -> bool:
-            return self._bearing(segment, loads, slowness / math.sqrt(SUDDEN)).margin >= 0.0
+    def borne_rates(
+        self, along: ToolSegment, places: Mapping[str, Transform], rate: float, squared_speed: float
+    ) -> BorneRates | None:
+        """Return how fast a path may be passed for cup and fingers to hold, `SUDDEN` times the inertia as in `stretch`.
 
-        if holds(1.0):
-            return 1.0
-        if not holds(_SLOWEST):
+        Args:
+            along: a segment whose times are the path's parameter s.
+            places: where tool and objects are when it begins.
+            rate: no more d²s/dt² is looked for.
+            squared_speed: no more (ds/dt)² is looked for.
+
+        Returns:
+            None where they would not hold however slow it is.
+        """
+        loads = self._loads(along, places)
+        # The inertia of what is passed with d²s/dt² = 1 from rest is its momentum at ds/dt = 1.
+        momenta = {name: self._momentum(name, along.trajectory.time, load) for name, load in loads.items()}
+        speeding, braking = (
+            {name: replace(load, inertia=most * momenta[name]) for name, load in loads.items()}
+            for most in (-rate, rate)
+        )
+        even = {name: replace(load, inertia=squared_speed * load.inertia) for name, load in loads.items()}
+        factors = []
+        for each in (speeding, braking, even):
+            factor = self._slowness(along, each)
+            if factor is None:
+                return None
+            factors.append(factor)
+        of_rate = np.maximum(factors[0], factors[1])
+        return BorneRates(along.trajectory.time, rate / of_rate**2, squared_speed / factors[2] ** 2)
+
+    def _slowness(self, segment: ToolSegment, loads: Mapping[str, _Load]) -> Array | None:
+        """Return the factors (n,), 1 or more, by which time must be stretched at samples; None: none would do."""
+        low = np.ones(len(segment.trajectory.time))
+
+        def holds(slowness: Array) -> Array:
+            return self._bearing(segment, loads, slowness / math.sqrt(SUDDEN)).left >= 0.0
+
+        held, high = holds(low), np.full_like(low, _SLOWEST)
+        if held.all():
+            return low
+        if not holds(high).all():
             return None
-        low, high = 1.0, _SLOWEST
+        high[held] = 1.0
         for _ in range(_SLOWING_STEPS):
-            middle = math.sqrt(low * high)
-            low, high = (low, middle) if holds(middle) else (middle, high)
+            middle = np.sqrt(low * high)
+            held = holds(middle)
+            low, high = np.where(held, low, middle), np.where(held, middle, high)
         return high
+
+    def _momentum(self, name: str, parameter: Array, load: _Load) -> Array:
+        """Return the momentum (n, 6) of a body whose path is passed at unit speed."""
+        between = self._masses[name].momenta(parameter, load.poses)
+        return np.concatenate([between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]])
 
     def balanced(self, segments: Iterable[ToolSegment]) -> tuple[ToolSegment, ...]:
         """Return the segments of a whole plan with their contact sets and reserves.
@@ -300,7 +363,7 @@ class HoldStatics:
             loads[name] = _Load(poses, mass.centres(poses), weight, inertia, mass.gyration)
         return loads
 
-    def _bearing(self, segment: ToolSegment, loads: Mapping[str, _Load], slowness: float = 1.0) -> _Bearing:
+    def _bearing(self, segment: ToolSegment, loads: Mapping[str, _Load], slowness: Array | None = None) -> _Bearing:
         tool = loads[TOOL_NAME]
         lip = tool.poses[:, :3, 3]
         suction, uses = np.zeros((len(lip), 6)), []
