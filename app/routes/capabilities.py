@@ -10,7 +10,7 @@ from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
 from app.routes.dependencies import Cells, Settings
 from planners.cell.asset_shelf import known_meshes
-from planners.contract.task_spec import LifterModel
+from planners.contract.task_spec import LifterModel, PlateLiftTask, SuctionToolTask
 from planners.plan.verdicts import Software
 from planners.scene.scene import PLANNED_KINDS
 from planners.scene.shape_source import PLANNED_SHAPES
@@ -19,6 +19,7 @@ from planners.survey.cell_limits import CellLimits
 from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
+TASKS = {"plate_lift": PlateLiftTask, "suction_tool": SuctionToolTask}
 
 
 class Limits(Resource):
@@ -49,6 +50,8 @@ class Capabilities(Resource):
     cell_limits: dict[str, CellLimits]
     """By name of the cell: its table, and reach, payload and gripper of its arms. A cell of one's own that this version
     cannot load is left out."""
+    default_cells: dict[str, str]
+    """By kind: the cell of a task that names none."""
     lifter_models: list[str]
     """Of plate lifts."""
     tools: list[str]
@@ -76,6 +79,7 @@ def get_capabilities(cells: Cells, settings: Settings) -> Capabilities:
         kinds=list(PLANNED_KINDS),
         cells=sorted(cells),
         cell_limits=cells.limits(),
+        default_cells={kind: task.model_fields["cell"].default for kind, task in TASKS.items()},
         lifter_models=list(get_args(LifterModel)),
         tools=known_tools(),
         shapes=list(PLANNED_SHAPES),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,7 +101,7 @@ def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -
         objects = [_filled_object(i, each, standing, used) for i, each in enumerate(given)]
         filled["objects"] = _with_goals_put_down(objects, cell.table_top)
     left = [each for each in standing if each.part.name not in used]
-    extra = _obstacles(left, scene, cell)
+    extra = _obstacles(left, scene, cell, _names_in(filled))
     obstacles = body.get("obstacles", [])
     if extra and isinstance(obstacles, list):
         filled["obstacles"] = [*obstacles, *extra]
@@ -274,18 +275,35 @@ def _beyond(outline: Array, points: Array) -> float:
     return float(-offsets.sum(axis=2).max(axis=0).min())
 
 
-def _obstacles(left: Sequence[UprightObject], scene: SceneDocument, cell: Cell) -> list[dict[str, Any]]:
-    obstacles: list[dict[str, Any]] = [
-        {"name": each.part.name, "shape": each.shape.model_dump(mode="json"), "pose": to_pose7(each.T_world_object)}
-        for each in left
-    ]
+def _names_in(task: Mapping[str, Any]) -> set[str]:
+    """Return the names of a task's objects and obstacles, as far as they are some."""
+    members = [task.get(member) for member in ("objects", "obstacles")]
+    bodies = [each for bodies in members if isinstance(bodies, list) for each in bodies]
+    return {each["name"] for each in bodies if isinstance(each, dict) and isinstance(each.get("name"), str)}
+
+
+def _obstacles(
+    left: Sequence[UprightObject], scene: SceneDocument, cell: Cell, taken: set[str]
+) -> list[dict[str, Any]]:
+    """Return what was seen and is no object of the task, by names that nothing in the task has (`taken`)."""
+
+    def free(name: str) -> str:
+        others = (f"{name}_seen_{k}" for k in count(1))
+        found = next(each for each in chain([name], others) if each not in taken)
+        taken.add(found)
+        return found
+
+    obstacles: list[dict[str, Any]] = []
+    for each in left:
+        shape, pose = each.shape.model_dump(mode="json"), to_pose7(each.T_world_object)
+        obstacles.append({"name": free(each.part.name), "shape": shape, "pose": pose})
     for i, piece in enumerate(scene.unrecognised):
         height = max(LOWEST_OBSTACLE, piece.top - cell.table_top)
         outline = np.array(piece.outline)
         center = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
         shape = {"type": "prism", "outline": _simple(outline - center).tolist(), "height": height}
         pose = [float(center[0]), float(center[1]), cell.table_top + 0.5 * height, 1.0, 0.0, 0.0, 0.0]
-        obstacles.append({"name": f"unrecognised_{i + 1}", "shape": shape, "pose": pose})
+        obstacles.append({"name": free(f"unrecognised_{i + 1}"), "shape": shape, "pose": pose})
     return obstacles
 
 

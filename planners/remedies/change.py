@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TypeVar
@@ -17,6 +17,7 @@ from planners.errors import SceneError
 from planners.geometry.pose import Array, Transform, from_pose7, pose_row
 from planners.progress import Report
 from planners.remedies.directions import heading, told_move
+from planners.scene.body import Body
 from planners.scene.standing import listed
 
 AnyTask = PlateLiftTask | SuctionToolTask
@@ -205,6 +206,35 @@ def _at_other_height(
     x, y, z, *turn = obstacle.pose
     changes["pose"] = [x, y, round(z + rise, _DIGITS), *turn]
     return replaced(f"/obstacles/{index}", obstacle.model_dump(mode="json") | changes), left
+
+
+def standing_on_others(bodies: Sequence[Body]) -> dict[int, list[int]]:
+    """Return which bodies stand on which, by number: those on whose top others begin, each with these.
+
+    Bodies are taken as upright boxes around them. What stands on others, or has others on it, is not moved alone.
+    """
+    low, high = np.empty((len(bodies), 3)), np.empty((len(bodies), 3))
+    for number, body in enumerate(bodies):
+        corners = body.solid.surface()[0] @ body.T_world_body[:3, :3].T + body.T_world_body[:3, 3]
+        low[number], high[number] = corners.min(axis=0), corners.max(axis=0)
+    above = {
+        number: [
+            int(other)
+            for other in np.flatnonzero(
+                (np.abs(low[:, 2] - high[number, 2]) <= _STANDS)
+                & (low[:, :2] < high[number, :2]).all(axis=1)
+                & (high[:, :2] > low[number, :2]).all(axis=1)
+            )
+        ]
+        for number in range(len(bodies))
+    }
+    return {number: others for number, others in above.items() if others}
+
+
+def stacked(bodies: Sequence[Body]) -> frozenset[int]:
+    """Return the numbers of bodies that stand on others or have others on them."""
+    found = standing_on_others(bodies)
+    return frozenset(found).union(*found.values())
 
 
 def told_cup_place(place: tuple[float, float]) -> str:

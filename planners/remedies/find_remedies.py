@@ -39,6 +39,8 @@ MOST_TRIES = 4
 """Changes of one kind that are planned, ..."""
 MOST_IN_VAIN = 2
 """... and of those that are planned in vain where another kind helps."""
+LESS_IS_DONE = ("object_aside",)
+"""Kinds of changes with which less of the task is done: they keep nobody from looking for others."""
 CAPACITY = "capacity"
 """Where causes are that a closed bound proves: how much hands and cup bear at all."""
 BETTER = 1.25
@@ -90,7 +92,7 @@ def find_remedies(
     searches = [_OfKind(each) for each in changes]
     while open_kinds := [each for each in searches if not each.ended]:
         for each in open_kinds:
-            others_help = any(other.found for other in searches if other is not each)
+            others_help = any(other.helps for other in searches if other is not each)
             each.try_next(attempt, task, effort, progress, others_help=others_help)
             told = worth_telling(search.found for search in searches)
             if len(told) >= most:
@@ -175,6 +177,11 @@ class _OfKind:
         """By way, the size of the largest change that was planned in vain: smaller ones do less."""
         self.found: list[tuple[TaskChange, Remedy]] = []
         self.ended = False
+
+    @property
+    def helps(self) -> bool:
+        """Whether it has found something with which all of the task is done."""
+        return any(change.kind not in LESS_IS_DONE for change, _ in self.found)
 
     def try_next(
         self,

@@ -40,6 +40,7 @@ from planners.remedies.change import (
     obstacle_out_of_the_way,
     put,
     removed,
+    stacked,
     told_cup_place,
     turning,
 )
@@ -618,11 +619,15 @@ class LiftChanges:
             yield largest
 
     def _obstacle_height(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
+        if index in stacked(self.scene.obstacles):
+            return iter(())
         T_world_body = self.scene.obstacles[index].T_world_body
         return obstacle_out_of_the_way(index, obstacle, T_world_body, self.scene.cell.table_top, self.scene.cell.size)
 
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         """Move an obstacle straight away from the plate."""
+        if index in stacked(self.scene.obstacles):
+            return
         way = straightest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
         for length in _OBSTACLE_WAYS:
             yield obstacle_moved(index, obstacle, self.scene.cell.size * length * way)

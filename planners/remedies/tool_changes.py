@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
 from planners.cell.asset_shelf import described_tool
-from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask
+from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask, ToolCup
 from planners.geometry.pose import Array
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Cause
@@ -25,6 +26,8 @@ from planners.remedies.change import (
     obstacles_out_of_the_way,
     put,
     removed,
+    stacked,
+    standing_on_others,
     turning,
 )
 from planners.remedies.directions import (
@@ -56,9 +59,21 @@ _STRONGER = (1.5, 2.0, 3.0)
 """How many times the cup's force [1]."""
 _OTHER_CUPS = (0.8, 0.6, 1.25)
 """How many times the cup's radius [1]."""
-_CUP_REASONS = ("heavier than the cup", "large as the pad", "can sit", "peel", "bends")
+CUP_REASONS = (
+    "heavier than the cup",
+    "large as the pad",
+    "can sit",
+    "peel",
+    "bends",
+    "cup alone cannot hold",
+    "flat enough to seal",
+    "pad would reach over",
+    "where the pad would be",
+    "off the cup",
+    "the cup.",
+)
 """Words of causes for which another cup may help."""
-_WEIGHT_REASONS = ("heavier than", "more of one hand")
+_WEIGHT_REASONS = ("heavier than", "more of one hand", "cup alone cannot hold")
 """Words of causes that tell a weight [N] and what bears it."""
 _SQUEEZE_REASONS = ("harder squeeze",)
 """Words of causes that tell the squeeze of fingers [N]."""
@@ -91,6 +106,7 @@ class ToolChanges:
         self._scene, self._cell, self._middle = scene, scene.cell, between_arms(scene.cell)
         self._reach = least_reach(scene.cell)
         self._gravity = float(np.linalg.norm(scene.cell.gravity))
+        self._above, self._stacked = standing_on_others(scene.obstacles), stacked(scene.obstacles)
         self._explanation = explanation = failed.explanation
         self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
         named = [each for each in task.objects if self._names(each.name)]
@@ -121,9 +137,9 @@ class ToolChanges:
         if max(starts, goals) > _NEARER[0] * self._reach:
             far_off = [goals_moved] if goals >= starts else [starts_moved, goals_moved]
             places = [kind for kind in places if kind not in far_off]
-        rest: list[Iterator[TaskChange | None]] = [self._tool(), limits, self._aside(), self._lighter()]
+        rest: list[Iterator[TaskChange | None]] = [self._tool(), limits, self._lighter(), self._aside()]
         first = [obstacles] if self.task.obstacles else []
-        about_cup = any(word in self._told for word in _CUP_REASONS)
+        about_cup = any(word in self._told for word in CUP_REASONS)
         others = [*first, *cup, *places, *rest] if about_cup else [*first, *places, *rest]
         # What is far off has to come nearer, most likely.
         return [*far_off, *others]
@@ -138,7 +154,8 @@ class ToolChanges:
         ]
 
     def _names(self, name: str) -> bool:
-        return name in self._told
+        """Whether what is told names a thing, and not only another one whose name begins or ends alike."""
+        return re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", self._told) is not None
 
     def _of(self, changes: Iterable[TaskChange]) -> Iterator[TaskChange]:
         """Yield those of which there is a scene."""
@@ -195,11 +212,20 @@ class ToolChanges:
                 yield TaskChange(kind, told, (put(f"/objects/{index}/{member}", pose),), way, abs(angle))
 
     def _aside(self) -> Iterator[TaskChange]:
-        """Leave an object out of the task: somebody else puts it aside."""
+        """Leave an object out of the task: somebody else puts it aside.
+
+        Without one that is proven not to be moved the others can be, of course: that is no help.
+        """
+        proven = [] if self._failed.outcome == "not_found" else [each.name for _, each in self._objects]
         if len(self.task.objects) > 1:
             yield from self._of(
-                TaskChange("object_aside", f"Take {each.name} off the table first.", (removed(f"/objects/{index}"),))
+                TaskChange(
+                    "object_aside",
+                    f"Leave {each.name} out, and take it off the table.",
+                    (removed(f"/objects/{index}"),),
+                )
                 for index, each in enumerate(self.task.objects)
+                if each.name not in proven
             )
 
     def _lighter(self) -> Iterator[TaskChange]:
@@ -237,7 +263,11 @@ class ToolChanges:
                 return
         if len(near) > 1:
             few = self._fewest(near)
-            bodies = {index: (self.task.obstacles[index], self._scene.obstacles[index].T_world_body) for index in few}
+            bodies = {
+                index: (self.task.obstacles[index], self._scene.obstacles[index].T_world_body)
+                for index in few
+                if index not in self._stacked
+            }
             yield self._away(few)
             yield from self._smallest(obstacles_out_of_the_way(bodies, self._cell.table_top, self._cell.size))
 
@@ -284,7 +314,9 @@ class ToolChanges:
         return sorted(range(len(self.task.obstacles)), key=order)[:_NEAREST]
 
     def _away(self, numbers: list[int]) -> TaskChange:
-        """Take obstacles away, the last one first, so that the others keep their numbers."""
+        """Take obstacles away with what stands on them, the last one first, so that the others keep their numbers."""
+        for number in (numbers := [*numbers]):
+            numbers += [each for each in self._above.get(number, []) if each not in numbers]
         steps = tuple(removed(f"/obstacles/{index}") for index in sorted(numbers, reverse=True))
         names = listed([self.task.obstacles[index].name for index in sorted(numbers)])
         return TaskChange("obstacle", f"Take {names} away.", steps, size=math.inf)
@@ -297,6 +329,8 @@ class ToolChanges:
 
     def _heights(self, index: int) -> Iterator[TaskChange]:
         obstacle, T_world_body = self.task.obstacles[index], self._scene.obstacles[index].T_world_body
+        if index in self._stacked:
+            return iter(())
         return obstacle_out_of_the_way(index, obstacle, T_world_body, self._cell.table_top, self._cell.size)
 
     def _spots(self) -> Array:
@@ -305,6 +339,8 @@ class ToolChanges:
 
     def _obstacle_moved(self, index: int) -> Iterator[TaskChange]:
         """Move an obstacle away from the nearest start or goal."""
+        if index in self._stacked:
+            return
         obstacle = self.task.obstacles[index]
         place, spots = np.array(obstacle.pose[:2]), self._spots()
         off = place - spots[np.argmin(np.linalg.norm(spots - place, axis=1))]
@@ -398,6 +434,9 @@ def _other_cup(
     tool: CustomTool, kind: str, sentence: str, members: dict[str, float], way: str, size: float
 ) -> TaskChange:
     """Describe a tool in full, with another cup; what follows from the cup's force follows from the new one."""
-    cup = {"radius": tool.cup.radius, "max_force": tool.cup.max_force, "mu": tool.cup.mu} | members
-    described = {**tool.model_dump(mode="json"), "cup": {**cup}}
+    cup = {"radius": tool.cup.radius, "max_force": tool.cup.max_force, "mu": tool.cup.mu}
+    # As it is not told in a task that was read whether it says kappa itself.
+    if not math.isclose(ToolCup.model_validate(cup).kappa, tool.cup.kappa, rel_tol=1e-6):
+        cup["kappa"] = tool.cup.kappa
+    described = {**tool.model_dump(mode="json"), "cup": cup | members}
     return TaskChange(kind, sentence, (put("/tool", described),), way, size)

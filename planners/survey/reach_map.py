@@ -183,8 +183,9 @@ def _look(searched, weighed, home, places, hands, found, held):
                     if first_collision(kernel, q, scratch) < 0:
                         found[p, d] = True
                         held[p] = max(held[p], _bearable(weighed, solutions[branch], places[p]))
-                        break
-                if found[p, d]:
+                        if held[p] >= weighed[2]:
+                            break
+                if found[p, d] and held[p] >= weighed[2]:
                     break
 
 

@@ -149,6 +149,18 @@ def test_what_the_task_does_not_name_is_in_the_way(scene: SceneDocument, cell: C
     assert np.all(kept.max(axis=0) >= np.max(outline, axis=0))
 
 
+def test_what_was_seen_and_is_not_named_takes_no_name_that_the_task_uses(scene: SceneDocument, cell: Cell) -> None:
+    outline = [[0.6, -0.1], [0.7, -0.1], [0.7, 0.0], [0.6, 0.0]]
+    cluttered = changed(scene, unrecognised=[{"reason": "it has no level top", "outline": outline, "top": 1.2}])
+    own = {"name": "unrecognised_1", "shape": {"type": "box", "size": [0.05, 0.05, 0.05]}}
+    body = task("object_1", obstacles=[{**own, "pose": [0.2, 0.6, 1.119, 1, 0, 0, 0]}])
+    body["objects"][0]["name"] = "object_2"
+    accepted = read_task(fill_from_scene(body, cluttered, cell))
+    names = [each.name for each in (*accepted.objects, *accepted.obstacles)]
+    assert names[:2] == ["object_2", "unrecognised_1"]
+    assert len(set(names)) == len(names) == 5
+
+
 def test_the_tool_stands_up_with_its_markers_where_they_were_seen(scene: SceneDocument, cell: Cell) -> None:
     filled = fill_from_scene(task("object_1"), scene, cell)
     T = from_pose7(filled["tool_pose"])

@@ -14,14 +14,16 @@ import pytest
 from planners import read_task
 from planners.cell.cell import ShippedCells
 from planners.contract.task_change import changed
-from planners.contract.task_spec import SuctionToolTask, write_task
+from planners.contract.task_spec import SuctionToolTask, ToolCup, write_task
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Cause, Certificate
 from planners.planning import TaskSolver
 from planners.progress import silent
+from planners.regrasp.suction.suction_hold import SuctionLimit
+from planners.regrasp.suction.suction_poses import SuctionFault
 from planners.remedies.change import TaskChange, moved_pose
-from planners.remedies.tool_changes import ToolChanges
+from planners.remedies.tool_changes import CUP_REASONS, ToolChanges
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import no_uploads
 from planners.scene.suction_tool import load_tools, tool_descriptions
@@ -188,6 +190,79 @@ def test_a_wall_that_is_in_the_way_alone_is_changed_alone(too_heavy: Plan) -> No
         pytest.approx(HEIGHT - 0.1),
         pytest.approx(HEIGHT - 0.2),
     ]
+
+
+NOT_ABOUT_A_CUP = {SuctionFault.NOT_CLOSED, SuctionFault.DOWN, SuctionLimit.PUSH}
+"""No cup sits better on what is not closed, holds from below, or pushes."""
+
+
+def test_every_reason_of_a_cup_leads_to_another_cup_unless_none_helps() -> None:
+    reasons = {*SuctionFault, *SuctionLimit}
+    led = {reason for reason in reasons if any(words in reason.value for words in CUP_REASONS)}
+    assert reasons - led == NOT_ABOUT_A_CUP
+
+
+def changes_of(failed: Plan, **more: Any) -> list[TaskChange]:
+    """Return all changes of a task that come without planning, where nothing helps."""
+    task = read_task(posted({"obstacles": []}) | more)
+    assert isinstance(task, SuctionToolTask)
+    kinds = ToolChanges(task, build_scene, failed, never).by_kind()
+    return [change for kind in kinds for change in kind if change is not None]
+
+
+@pytest.mark.parametrize("kappa", [0.02, None])
+def test_another_cup_is_as_stiff_as_is_stated_or_as_its_force_makes_it(kappa: float | None, too_heavy: Plan) -> None:
+    tool = tool_descriptions()["long_symmetric"].model_dump(mode="json")
+    tool["cup"] = {"radius": 0.0175, "max_force": 20.0} | ({} if kappa is None else {"kappa": kappa})
+    failed = saying(too_heavy, "The object is heavier than the cup bears.")
+    changes = changes_of(failed, tool=tool)
+    cups = [read_cup(change) for change in changes if change.kind in ("cup_force", "cup_radius")]
+    assert len(cups) > 2
+    for cup in cups:
+        assert cup.kappa == pytest.approx(kappa or 0.5 * np.sqrt(2.0) * cup.max_force / np.pi)
+
+
+def read_cup(change: TaskChange) -> ToolCup:
+    """Return the cup of the tool that a change puts in."""
+    (step,) = change.patch
+    assert isinstance(step.value, dict)
+    return ToolCup.model_validate(step.value["cup"])
+
+
+def saying(plan: Plan, reason: str, where: str = "", summary: str = "") -> Plan:
+    """Return a plan that was not found for one reason alone."""
+    cause = Cause(reason=reason, where=where, needed=None, available=None, unit=None)
+    explanation = plan.explanation.model_copy(update={"causes": [cause], "summary": summary})
+    return plan.model_copy(update={"explanation": explanation})
+
+
+def test_what_is_proven_not_to_be_moved_is_not_left_out_to_help(too_heavy: Plan) -> None:
+    """Its name begins as that of another one does, which may be left out."""
+    objects = [{**DIE, "name": "box_1"}, {**DIE, "name": "box_10", "pose": [0.35, 0.4, 1.109, 1, 0, 0, 0],
+                "goal_pose": [0.35, -0.4, 1.109, 1, 0, 0, 0]}]  # fmt: skip
+    assert too_heavy.outcome == "infeasible"
+    failed = saying(too_heavy, "The object is heavier than the cup bears.", "box_1")
+    left_out = [change.sentence for change in changes_of(failed, objects=objects) if change.kind == "object_aside"]
+    assert len(left_out) == 1
+    assert "box_10" in left_out[0]
+
+
+def test_what_stands_on_something_is_not_moved_alone_and_goes_with_it(too_heavy: Plan) -> None:
+    size = {"type": "box", "size": [0.1, 0.1, 0.2]}
+    post = {"name": "post", "shape": size, "pose": [0.6, 0.3, 1.194, 1, 0, 0, 0]}
+    roof = {"name": "roof", "shape": {"type": "box", "size": [0.3, 0.3, 0.02]}, "pose": [0.6, 0.3, 1.304, 1, 0, 0, 0]}
+    alone = {"name": "alone", "shape": size, "pose": [0.6, -0.3, 1.194, 1, 0, 0, 0]}
+    failed = saying(too_heavy, "post, roof and alone would be touched.")
+    task = read_task(posted({"obstacles": [post, roof, alone]}))
+    assert isinstance(task, SuctionToolTask)
+    found = list(ToolChanges(task, build_scene, failed, never)._named_obstacles())
+    kept = [{each.name for each in other.obstacles} for change in found if change and (other := change.applied(task))]
+    moved = [change.sentence for change in found if change and change.patch[0].op == "replace"]
+    assert moved
+    assert all("alone" in sentence for sentence in moved)
+    assert {"alone"} in kept
+    assert {"post", "alone"} in kept
+    assert {"roof", "alone"} not in kept
 
 
 @pytest.mark.parametrize(("enough", "offered"), [(70.0, 2), (200.0, 1), (1e3, 0)])

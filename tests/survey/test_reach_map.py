@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,15 @@ from planners.geometry.pose import inverse
 from planners.hands.workcell import Clearance
 from planners.kinematics.inverse import inverse_kinematics, within_limits
 from planners.kinematics.joint_torque import joint_torques
-from planners.survey.reach_map import DIRECTIONS, ReachMap, ReachMapSettings, _bearable, map_reach, turns_about
+from planners.survey.reach_map import (
+    DIRECTIONS,
+    HandLooker,
+    ReachMap,
+    ReachMapSettings,
+    _bearable,
+    map_reach,
+    turns_about,
+)
 from planners.survey.survey import CellSurvey
 from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
 
@@ -76,6 +85,22 @@ def test_a_cell_that_is_its_own_mirror_image_has_a_map_that_is(cell: Cell, reach
     ways = [list(DIRECTIONS).index(MIRRORED.get(way, way)) for way in DIRECTIONS]
     np.testing.assert_array_equal(reach.reached["left"][:, ::-1][:, :, ways], reach.reached["right"])
     np.testing.assert_array_equal(reach.anyhow["left"][:, ::-1], reach.anyhow["right"])
+
+
+def test_a_hand_may_hold_the_most_that_it_may_in_any_of_its_turns() -> None:
+    """Where everything weighs so much that torques end it before the payload does, at some places."""
+    cell = replace(load_cell("dual_ur10e_lift"), gravity=np.array([0.0, 0.0, -14.0]))
+    arm, (table, *_) = cell.arms["left"], cell.boxes
+    steps = itertools.product(np.linspace(-0.45, 0.45, 11), repeat=2)
+    places = np.array([[*(table.center[:2] + np.array(step) * table.size[:2]), cell.table_top + 0.1] for step in steps])
+    places = places[np.linalg.norm(places - arm.T_world_base[:3, 3], axis=1) < arm.robot.reach]
+    turns = turns_about(DIRECTIONS.values(), 4)
+    reached, most = HandLooker(cell, turns).look("left", places)
+    each = (turns[d : d + 1, k : k + 1] for d, k in np.ndindex(turns.shape[:2]))
+    one_by_one = [HandLooker(cell, turn).look("left", places) for turn in each]
+    np.testing.assert_array_equal(reached.any(axis=1), np.any([found[:, 0] for found, _ in one_by_one], axis=0))
+    np.testing.assert_array_equal(most, np.max([held for _, held in one_by_one], axis=0))
+    assert np.any((most > 0.0) & (most < arm.spare_payload))
 
 
 def test_what_a_hand_may_hold_ends_at_the_payload_or_where_a_joint_can_no_more(cell: Cell) -> None:

@@ -103,3 +103,36 @@ def test_plans_are_found_by_name_part_kind_result_and_day(window: Page) -> None:
 def test_what_is_typed_into_the_search_moves_nothing_else(window: Page) -> None:
     window.get_by_role("searchbox").press_sequentially("order 1 p")
     assert window.get_by_role("searchbox").input_value() == "order 1 p"
+
+
+def test_a_job_that_is_not_listed_is_followed_all_the_same(window: Page, service: ServiceProcess) -> None:
+    """It tells when it begins, is cancelled in its page, and is missed once it is deleted."""
+    start = datetime.now().astimezone() + timedelta(days=9)
+    with service.client() as client:
+        body = task(external_id="for later")
+        posted = client.post("/v1/plans", json=body, params={"start_time": start.isoformat()}).raise_for_status().json()
+        window.get_by_role("searchbox").fill("no such plan")
+        listed(window)
+        message = window.locator("#message")
+        window.evaluate(f"choose('{posted['id']}')")
+        message.get_by_role("heading", name="Waiting for its start").wait_for()
+        assert f"{start:%-d %b %Y}" in message.inner_text()
+        assert f"{start:%H:%M}" in message.inner_text()
+        message.get_by_role("button", name="Cancel").click()
+        message.get_by_role("heading", name="Cancelled").wait_for()
+        client.delete(f"/v1/plans/{posted['id']}").raise_for_status()
+        message.get_by_role("heading", name="Deleted").wait_for()
+
+
+def test_the_browser_leads_back_to_the_plan_before(window: Page, plans: list[dict[str, Any]]) -> None:
+    names = ["infeasible", "of a part"]
+    for name in names:
+        window.locator("[data-plan]", has_text=name).click()
+    chosen = window.locator("[data-plan][aria-selected='true'] b")
+    assert chosen.inner_text() == names[1]
+    window.go_back()
+    window.locator("[data-plan][aria-selected='true']", has_text=names[0]).wait_for()
+    window.go_back()
+    window.wait_for_function("!document.querySelector('[data-plan][aria-selected=true]')")
+    window.go_forward()
+    window.locator("[data-plan][aria-selected='true']", has_text=names[0]).wait_for()

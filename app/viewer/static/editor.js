@@ -3,6 +3,8 @@
 
 const POLL_MILLISECONDS = 400;
 const CHECK_MILLISECONDS = 60;
+/** So long after no answer the service is asked again. */
+const AWAY_MILLISECONDS = 1500;
 /** So long after the last change a task is planned by itself, where that is wanted. */
 const REST_MILLISECONDS = 1500;
 const MOVE = 0.01, FINE_MOVE = 0.001, TURN = Math.PI / 12, FINE_TURN = Math.PI / 180;
@@ -79,7 +81,7 @@ class Editor {
       draft: ({ task }) => this.begin(task),
       moved: (message) => this.moved(message),
       chosen: ({ pointer }) => this.choose(pointer),
-      refused: ({ request, detail }) => request !== "path" && this.say("That cannot be done", detail),
+      refused: ({ request, detail }) => this.refused(request, detail),
       fault: ({ detail }) => this.say("A fault of the service", detail),
       result: (message) => this.showResult(message),
       judged: ({ feasibility }) => this.pathJudged(feasibility),
@@ -109,8 +111,15 @@ class Editor {
     this.connection.send({ type: "detail", light: LIGHT });
     this.frame.src = frameAddress(address, LIGHT);
     if (Object.keys(this.draft.task).length) {
+      // The service was away, and may be another version now.
+      this.askSoon();
       if (this.lastPlan) this.connection.send({ type: "path", plan: this.lastPlan });
       return this.show();
+    }
+    const kept = keptDraft();
+    if (kept) {
+      this.lastPlan = kept.lastPlan;
+      return this.begin(kept.task);
     }
     const asked = new URLSearchParams(location.search);
     for (const of of ["plan", "example", "scene"])
@@ -118,8 +127,21 @@ class Editor {
         if (of === "plan") this.lastPlan = asked.get(of);
         return this.connection.send({ type: "start", of, name: asked.get(of) });
       }
+    this.beginEmpty(asked);
+  }
+
+  beginEmpty(asked) {
     const empty = EMPTY[asked.get("kind")] ?? EMPTY.plate_lift;
     this.begin(asked.get("cell") ? { ...empty, cell: asked.get("cell") } : empty);
+  }
+
+  /** Say what the scene cannot do; where that was to begin with something, an empty task is there instead. */
+  refused(request, detail) {
+    if (request === "path") return;
+    this.say("That cannot be done", detail);
+    if (request !== "start" || Object.keys(this.draft.task).length) return;
+    this.lastPlan = null;
+    this.beginEmpty(new URLSearchParams());
   }
 
   begin(task) {
@@ -170,6 +192,7 @@ class Editor {
   changed() {
     if (!this.things.some(({ pointer }) => pointer === this.chosen)) this.chosen = null;
     clearTimeout(this.resting);
+    keepDraft({ task: this.draft.task, lastPlan: this.lastPlan });
     this.show();
     this.askSoon();
     this.judge();
@@ -307,14 +330,30 @@ class Editor {
         const told = await answer.json();
         if (this.asked) continue;
         this.warnings = answer.ok ? told.warnings : [];
-        if (answer.ok) [this.errors, this.accepted] = [told.errors, told.task];
-        else [this.errors, this.accepted] = [[{ pointer: "", detail: told.detail }], null];
+        this.errors = answer.ok ? told.errors : [{ pointer: "", detail: told.detail }];
+        this.keepAccepted(told.task);
         this.judged(answer.ok && told.accepted);
       } catch {
-        byId("check-status").textContent = "The service does not answer.";
+        this.unanswered();
       }
     }
     this.checking = false;
+  }
+
+  /** Keep what the service would take, with its defaults: those of a task that is refused meanwhile are the same. */
+  keepAccepted(accepted) {
+    const { kind, cell } = this.draft.task;
+    if (accepted) this.accepted = accepted;
+    else if (this.accepted?.kind !== kind || this.accepted.cell !== (cell ?? this.capabilities.default_cells[kind])) this.accepted = null;
+  }
+
+  /** Say that nobody knows what the service would say, and look again until somebody does. */
+  unanswered() {
+    const status = byId("check-status");
+    [status.className, status.textContent] = ["no", "The service does not answer."];
+    byId("refusals").replaceChildren();
+    byId("plan").disabled = true;
+    setTimeout(() => this.askSoon(), AWAY_MILLISECONDS);
   }
 
   verdict(accepted) {
@@ -325,12 +364,12 @@ class Editor {
   /** Show what the service says, each thing at what it concerns. */
   judged(accepted) {
     const status = byId("check-status");
-    const begun = this.things.length > 0 || accepted;
+    const begun = this.things.length > 0 || accepted || this.errors.some(({ pointer }) => pointer === "/cell");
     status.className = accepted ? "yes" : begun ? "no" : "empty";
     status.textContent = begun ? this.verdict(accepted) : `Add ${this.draft.task.kind === "plate_lift" ? "a plate and a cup" : "objects"}, or begin with an example.`;
     keepFocus(byId("refusals"), (begun ? this.errors : []).slice(0, 20).map((error) => {
       const thing = this.thingOf(error.pointer);
-      const where = thing ? (error.detail.startsWith(thing.words) ? "" : `${thing.words}: `) : `${error.pointer || "the task"}: `;
+      const where = error.detail.startsWith(thing?.words) ? "" : `${[thing?.words, this.labelOf(thing, error.pointer)].filter(Boolean).join(", ") || error.pointer || "the task"}: `;
       const button = element("button", { title: error.pointer, onclick: () => this.goTo(error) }, element("b", { textContent: where }), error.detail, ...choicesOf(error));
       button.id = `refusal${error.pointer}`;
       return element("li", {}, button);
@@ -339,6 +378,12 @@ class Editor {
     byId("cup-study").hidden = !accepted || this.draft.task.kind !== "plate_lift";
     this.show();
     this.planAtRest();
+  }
+
+  /** What the field of a member is called; null: none stands for just that. */
+  labelOf(thing, pointer) {
+    const groups = [...(thing ? fieldsOf(thing, this.draft, this.capabilities) : []), ...taskFields(this.draft.task, this.capabilities)];
+    return groups.flatMap(({ fields }) => fields).find((field) => field.pointer === pointer && field.label)?.label.toLowerCase() ?? null;
   }
 
   /** Plan by itself what is taken and was not planned yet, once nothing has changed for a while. */
@@ -366,18 +411,24 @@ class Editor {
     byId("plan-status").textContent = "Posting the task …";
     this.before = this.lastPlan;
     this.posted = JSON.stringify(this.draft.task);
-    // What was begun for an older task is not waited for any more.
-    if (this.running) fetch(this.running, { method: "POST" });
-    const answer = await fetch("../v1/plans", { method: "POST", headers: { "Content-Type": "application/json" }, body: this.posted });
-    const told = await answer.json();
+    byId("plan-progress").hidden = true;
     byId("plan-result").replaceChildren();
     byId("plan-links").replaceChildren();
-    byId("plan-progress").hidden = !answer.ok;
-    if (!answer.ok) {
-      byId("plan-status").textContent = told.detail;
-      return;
+    byId("plan").disabled = true;
+    try {
+      // What was begun for an older task is not waited for any more.
+      if (this.running) await fetch(this.running, { method: "POST" });
+      const answer = await fetch("../v1/plans", { method: "POST", headers: { "Content-Type": "application/json" }, body: this.posted });
+      const told = await answer.json();
+      if (!answer.ok) throw new Error(told.detail);
+      byId("plan-progress").hidden = false;
+      this.follow(told);
+      byId("plan").disabled = false;
+    } catch (error) {
+      byId("plan-status").textContent = error instanceof TypeError ? "The task was not posted: the service does not answer." : error.message;
+      this.posted = null;
+      this.askSoon();
     }
-    this.follow(told);
   }
 
   /** Have the task planned with its cup at places all over the plate, and lead to the map of them. */
@@ -416,18 +467,34 @@ class Editor {
       byId("plan-links").replaceChildren(...(done ? this.linksOf(plan) : [element("button", { textContent: "Cancel", onclick: () => fetch(links.cancel, { method: "POST" }) })]));
       if (done) {
         this.running = null;
-        if (outcome) this.connection.send({ type: "path", plan: plan.id });
-        else byId("plan-status").replaceChildren(element("span", { className: "badge failed", textContent: state }), error?.detail ?? "");
-        if (outcome) this.lastPlan = plan.id;
+        if (!outcome) return byId("plan-status").replaceChildren(element("span", { className: "badge failed", textContent: state }), error?.detail ?? "");
+        this.connection.send({ type: "path", plan: plan.id });
+        this.lastPlan = plan.id;
+        history.replaceState(null, "", `?plan=${plan.id}`);
+        keepDraft({ task: this.draft.task, lastPlan: this.lastPlan });
         return;
       }
       // What is known already is shown, and once more when everything is.
       if (verdict && !shown) this.connection.send({ type: "path", plan: plan.id });
       shown = verdict;
       await new Promise((wait) => setTimeout(wait, POLL_MILLISECONDS));
-      const answer = await fetch(links.self);
-      if (answer.ok) plan = await answer.json();
+      try {
+        const answer = await fetch(links.self);
+        if (answer.ok) plan = await answer.json();
+        else if (answer.status === 404) return this.forgotten();
+      } catch {
+        byId("plan-status").textContent = "The service does not answer; the plan is shown once it does.";
+        await new Promise((wait) => setTimeout(wait, AWAY_MILLISECONDS));
+      }
     }
+  }
+
+  /** Say that the plan that was waited for is there no more. */
+  forgotten() {
+    [this.plan, this.running] = [null, null];
+    byId("plan-progress").hidden = true;
+    byId("plan-links").replaceChildren();
+    byId("plan-status").textContent = "This plan was deleted meanwhile.";
   }
 
   linksOf({ id, links, outcome }) {
@@ -457,9 +524,10 @@ class Editor {
     byId("plan-status").replaceChildren(element("span", { className: `badge ${outcome}`, textContent: outcome_words }), outcome === "solved" ? "" : outcome_meaning);
     const facts = highlights.map(([label, value]) => element("div", {}, element("dt", { textContent: label }), element("dd", { textContent: value })));
     byId("plan-result").replaceChildren(
-      ...(outcome === "solved" ? [element("dl", {}, ...facts)] : [element("p", { textContent: summary }), element("ul", {}, ...causes.map(({ reason, numbers }) => element("li", {}, reason, numbers ? ` (${numbers})` : "")))]),
+      ...(outcome === "solved" ? [element("dl", {}, ...facts)] : [element("p", { textContent: summary })]),
       ...(remedies ?? []).filter(({ task }) => task).map(({ sentence, figures, task }) =>
         element("p", { className: "remedy" }, element("button", { textContent: "Apply", title: "Change the task so", onclick: () => this.draft.begin(task) }), `${sentence} (${figures})`)),
+      ...(outcome === "solved" ? [] : [element("ul", {}, ...causes.map(({ reason, numbers }) => element("li", {}, reason, numbers ? ` (${numbers})` : "")))]),
     );
   }
 
@@ -537,7 +605,8 @@ class Fields {
       case "shape": return [this.select({ ...field, set: (type) => this.draft.set(field.shape, structuredClone(SHAPES[type])) })];
       case "check": return [this.check(field)];
       case "table": return [this.table(field)];
-      case "vector": return this.vector(field);
+      case "vector": return [...this.vector(field), this.errors(field)];
+      case "errors": return [this.errors(field)];
       case "pose": return this.pose(field);
       default: throw new Error(`no field ${field.type}`);
     }
@@ -663,6 +732,13 @@ class Fields {
     }));
   }
 
+  /** Room for what is wrong with a member as a whole. */
+  errors({ pointer }) {
+    const room = element("p", { className: "error" });
+    room.dataset.pointer = pointer;
+    return room;
+  }
+
   pose({ pointer, optional }) {
     const pose = () => this.value(pointer);
     if (optional && !pose()) {
@@ -679,8 +755,6 @@ class Fields {
       write: (value) => value !== null && this.draft.set(pointer, withYaw(pose(), value)),
     };
     rows.push(this.number({ label: "Yaw", pointer: `${pointer}/yaw`, unit: "°", factor: 180 / Math.PI, step: 1, ...yaw }));
-    const error = element("p", { className: "error" });
-    error.dataset.pointer = pointer;
     const tip = (axis) => () => {
       this.draft.set(pointer, turned(pose(), [Math.SQRT1_2, ...axis.map((value) => value * Math.SQRT1_2)]));
       this.editor.nudge([0, 0], 0);
@@ -688,7 +762,7 @@ class Fields {
     const buttons = [element("button", { textContent: "Put down", title: "Onto what is below it", onclick: () => this.editor.nudge([0, 0], 0) })];
     if (pointer.startsWith("/objects")) buttons.push(element("button", { textContent: "Tip about x", onclick: tip([1, 0, 0]) }), element("button", { textContent: "Tip about y", onclick: tip([0, 1, 0]) }));
     if (optional) buttons.push(element("button", { textContent: "Back to its rest", onclick: () => this.draft.remove(pointer) }));
-    return [...rows, error, element("div", { className: "field-row" }, ...buttons)];
+    return [...rows, this.errors({ pointer }), element("div", { className: "field-row" }, ...buttons)];
   }
 
   /** Put what the service says to the fields: to the member itself, or to the nearest one that it is part of. */
@@ -712,6 +786,17 @@ class Fields {
     const own = (input) => byId(input.getAttribute("aria-describedby")).dataset.pointer;
     (inputs.find((input) => own(input) === pointer) ?? inputs.find((input) => within(pointer, own(input))) ?? inputs.find((input) => within(own(input), pointer)))?.focus();
   }
+}
+
+/** Keep the draft of this address for when the page is loaded again, in this tab alone. */
+function keepDraft(draft) {
+  sessionStorage.setItem(`liftwright draft ${location.search}`, JSON.stringify(draft));
+}
+
+/** The draft that this page had before it was loaded again or come back to; null: it is opened anew. */
+function keptDraft() {
+  const [{ type }] = performance.getEntriesByType("navigation");
+  return ["reload", "back_forward"].includes(type) ? JSON.parse(sessionStorage.getItem(`liftwright draft ${location.search}`)) : null;
 }
 
 /** The valid choices of an error, where they can be listed. */

@@ -8,6 +8,8 @@ const BUSY_MILLISECONDS = 800;
 const CAMERA_MILLISECONDS = 400;
 const PAGE_SIZE = 50;
 const DAY_MILLISECONDS = 24 * 3600 * 1000;
+/** What programs are written for: the name in the interface, and in words. */
+const PROGRAMS = [["ur", "for UR controllers"], ["ros2", "for ROS 2"], ["csv", "as CSV tables"]];
 
 /** The connection of this page, which also asks for the camera, posts tasks, and draws lightly or fully. */
 class LiveConnection extends Connection {
@@ -50,8 +52,10 @@ const askedStudy = study;
 let studyEvents = null;
 let repainting = 0;
 let loaded = null;
-/** The plan that was posted here last: a filter may keep it out of the list. */
-let posted = null;
+/** What is known of the plan that is wanted: a filter, or newer ones, may keep it out of the list. Null: nothing yet. */
+let unlisted = null;
+/** Whether the plan that is wanted was deleted. */
+let deleted = false;
 /** The plan at which the service met a fault: it is shown again when somebody chooses it, not by itself. */
 let faulty = null;
 /** Whether what is loaded has no simulation, and whether that is still made. */
@@ -87,7 +91,7 @@ connection.onplan = (description, planned) => {
   loaded = description.id;
   [bare, simulating] = [!description.simulation, false];
   // What can be shown already may still lack its simulation, or what to change.
-  description.pending = plans.some(({ id, done }) => id === wanted && !done);
+  description.pending = mine()?.done === false;
   say();
   for (const [layer, visible] of Object.entries(player.panel.visible))
     if (visible !== FIRST_LAYERS.has(layer)) connection.layer(layer, visible);
@@ -99,8 +103,11 @@ connection.onplan = (description, planned) => {
   const base = `../v1/plans/${description.id}`;
   document.getElementById("links").replaceChildren(
     element("a", { href: `new?plan=${description.id}`, textContent: "Change this task", title: "Begin a new task with this one" }),
+    element("a", { href: `compare?plans=${description.id}`, textContent: "Compare", title: "Beside another plan" }),
+    ...(description.outcome === "solved" ? [programChoice(base)] : []),
     element("a", { href: `${base}/recording.html`, download: `${description.title}.html`, textContent: "Recording", title: "One file that plays offline" }),
     element("a", { href: `${base}/document`, target: "_blank", textContent: "Document", title: "The plan document" }),
+    element("button", { textContent: "Delete", title: "Delete this plan", onclick: () => remove(description) }),
   );
 };
 connection.onperceived = (description) => {
@@ -118,7 +125,7 @@ connection.onrefused = ({ plan, scene, study: refused, detail }) => {
   // Nobody asked for the map of the study that a plan comes from; it may be none that can be painted.
   if (refused && refused === study) player.panel.tellStudy({ study, refusal: study === askedStudy ? detail : "The plan is of a point of a study." });
   if (scene && scene === wantedScene) say("Nothing to show", detail);
-  if (plan && plan === wanted) say(...whyNot(plans.find(({ id }) => id === plan), detail));
+  if (plan && plan === wanted) say(...whyNot(mine(), detail));
 };
 connection.onfault = (detail) => {
   faulty = wanted;
@@ -202,8 +209,8 @@ async function openPoint(index) {
   try {
     const plan = await planOfPoint(of, index);
     if (of !== study || plan.id === wanted) return;
-    posted = plan;
-    choose(plan.id);
+    unlisted = plan;
+    choose(plan.id, true);
     refreshList();
   } catch (error) {
     if (of === study) player.panel.tellStudy({ ...player.panel.study, refusal: error.message });
@@ -227,22 +234,83 @@ function setLight(on) {
   else if (wantedScene) choosePerceived(wantedScene);
 }
 
-function choose(plan) {
-  [wanted, wantedScene, loaded, faulty] = [plan, null, null, null];
+/** Open a plan; with `anew` somebody leaves another one, to which the browser leads back. */
+function choose(plan, anew = false) {
+  [wanted, wantedScene, loaded, faulty, deleted] = [plan, null, null, null, false];
   if (moment?.plan !== plan) moment = null;
-  if (!moment) history.replaceState(null, "", `?${planQuery()}`);
+  if (!moment) show(`?${planQuery()}`, anew);
   mark();
   perceived.close();
-  const known = plans.find(({ id }) => id === plan);
-  player.close(known ? nameOf(known) : "Plan");
+  player.close(mine() ? nameOf(mine()) : "Plan");
   wait("Opening the plan …");
   connection.load(plan);
 }
 
-function choosePerceived(scene) {
+/** Have the address lead to what is shown now. */
+function show(address, anew) {
+  if (anew && address !== location.search) history.pushState(null, "", address);
+  else history.replaceState(null, "", address);
+}
+
+/** Show what the browser has gone back, or forth, to. */
+function revisit() {
+  const query = new URLSearchParams(location.search);
+  const [plan, scene] = [query.get("plan"), query.get("scene")];
+  if (plan && plan === wanted) return;
+  if (query.get("study") !== study) leaveStudy();
+  if (plan) {
+    study ??= query.get("study");
+    moment = { ...readMoment(), plan };
+    choose(plan);
+  } else if (scene) choosePerceived(scene);
+  else leave();
+}
+
+/** Show no plan any more. */
+function leave() {
+  [wanted, wantedScene, loaded] = [null, null, null];
+  document.getElementById("links").replaceChildren();
+  leaveStudy();
+  mark();
+  showEmpty();
+}
+
+/** What is known of the plan that is wanted. */
+function mine() {
+  return plans.find(({ id }) => id === wanted) ?? (unlisted?.id === wanted ? unlisted : null);
+}
+
+/** A choice of the languages in which robots are told a plan, each a file. */
+function programChoice(base) {
+  const choice = element("select", { title: "A program for the robots" }, element("option", { value: "", textContent: "Program …" }), ...PROGRAMS.map(([target, words]) => element("option", { value: target, textContent: words })));
+  choice.setAttribute("aria-label", "A program for the robots");
+  choice.onchange = async () => {
+    const target = choice.value;
+    choice.value = "";
+    const address = `${base}/program.zip?target=${target}`;
+    const answer = await fetch(address).catch(() => null);
+    if (!answer?.ok) return say("There is no program", answer ? (await answer.json()).detail : "The service does not answer.");
+    const content = URL.createObjectURL(await answer.blob());
+    element("a", { href: content, download: `${player.description.title}-${target}.zip` }).click();
+    URL.revokeObjectURL(content);
+  };
+  return choice;
+}
+
+/** Delete a plan, if that is meant. */
+async function remove({ id, title }) {
+  if (!confirm(`Delete the plan ${title}? It cannot be had back.`)) return;
+  const answer = await fetch(`../v1/plans/${id}`, { method: "DELETE" }).catch(() => null);
+  if (!answer?.ok) return say("Not deleted", answer ? (await answer.json()).detail : "The service does not answer.");
+  history.replaceState(null, "", "./");
+  leave();
+  refreshList();
+}
+
+function choosePerceived(scene, anew = false) {
   [wanted, wantedScene, loaded, faulty] = [null, scene, null, null];
   leaveStudy();
-  history.replaceState(null, "", `?scene=${scene}`);
+  show(`?scene=${scene}`, anew);
   mark();
   perceived.close();
   player.close("Perceived scene");
@@ -262,9 +330,9 @@ async function post(task) {
   }
   if (!answer.ok) return say(told.title, told.detail, ...(told.errors ?? []).map(({ pointer, detail }) => `${pointer}: ${detail}`));
   leaveStudy();
-  posted = told;
+  unlisted = told;
   plans = [told, ...plans.filter(({ id }) => id !== told.id)];
-  choose(told.id);
+  choose(told.id, true);
   refreshList();
 }
 
@@ -278,7 +346,12 @@ function mark() {
 function whyNot(plan, detail) {
   if (plan?.state === "failed") return ["The job failed", plan.error?.detail ?? detail, "That is no property of the task: the service's log says what went wrong."];
   if (plan?.state === "cancelled") return ["Cancelled", "The job was cancelled before there was a plan."];
-  if (plan && !plan.done) return ["Being planned", `${progressOf(plan)}. The plan appears here as soon as it is ready.`];
+  if (deleted) return ["Deleted", "There is no such plan, or no more."];
+  if (plan && !plan.done) {
+    const title = startOf(plan) ? "Waiting for its start" : plan.state === "queued" ? "Waiting for its turn" : "Being planned";
+    const cancel = element("button", { textContent: "Cancel", onclick: () => fetch(plan.links.cancel, { method: "POST" }).then(() => refreshList(), () => {}) });
+    return [title, `${sentence(progressOf(plan))}. The plan appears here as soon as it is ready.`, cancel];
+  }
   return ["Nothing to show", detail];
 }
 
@@ -337,16 +410,27 @@ async function refreshList(more = false) {
     if (pages && asked === String(listQuery())) {
       [shownQuery, shownPages] = [asked, pages];
       document.getElementById("older").hidden = !token;
+      await lookUp(found);
       showList(found);
     }
     const scenes = await fetch("../v1/scenes?page_size=20");
-    if (scenes.ok) perceived.show((await scenes.json()).scenes, wantedScene, choosePerceived);
+    if (scenes.ok) perceived.show((await scenes.json()).scenes, wantedScene, (scene) => choosePerceived(scene, true));
   } catch {
     // The connection to the service tells the watcher when the service is away.
   }
   clearTimeout(polling);
   const awaited = wanted && faulty !== wanted && (loaded !== wanted || simulating);
   polling = setTimeout(refreshList, awaited ? BUSY_MILLISECONDS : POLL_MILLISECONDS);
+}
+
+/** Ask for the plan that is wanted where it is none of those listed. */
+async function lookUp(listed) {
+  if (!wanted || listed.some(({ id }) => id === wanted)) return;
+  const plan = wanted;
+  const answer = await fetch(`../v1/plans/${encodeURIComponent(plan)}`);
+  if (plan !== wanted) return;
+  if (answer.ok) unlisted = await answer.json();
+  else if (answer.status === 404) [unlisted, deleted] = [null, true];
 }
 
 function showList(newest) {
@@ -364,22 +448,26 @@ function showList(newest) {
     if (!wantedScene && wasEmpty !== !plans.length) showEmpty();
     return;
   }
-  const mine = plans.find(({ id }) => id === wanted) ?? (posted?.id === wanted ? posted : null);
-  if (!mine || faulty === wanted || connection.busy) return;
-  if (loaded === wanted) followSimulation(mine);
-  else if (mine.state === "succeeded" || mine.verdict) choose(wanted);
+  if (deleted && !mine()) {
+    if (loaded === wanted) player.play(false);
+    return say(...whyNot(null));
+  }
+  const known = mine();
+  if (!known || faulty === wanted || connection.busy) return;
+  if (loaded === wanted) followSimulation(known);
+  else if (known.state === "succeeded" || known.verdict) choose(wanted);
   else {
-    player.close(nameOf(mine));
-    say(...whyNot(mine));
+    player.close(nameOf(known));
+    say(...whyNot(known));
   }
 }
 
 /** Open the plan that is shown once more when its simulation is there, at the moment that is shown. */
-function followSimulation(mine) {
-  if (bare && !mine.done) simulating = true;
+function followSimulation(plan) {
+  if (bare && !plan.done) simulating = true;
   else if (simulating) {
     simulating = false;
-    if (mine.state !== "succeeded") return;
+    if (plan.state !== "succeeded") return;
     moment = { plan: wanted, time: player.time, source: player.sourceName, camera: null };
     choose(wanted);
   }
@@ -391,12 +479,23 @@ function nameOf(plan) {
 
 function progressOf(plan) {
   if (plan.state === "queued") {
+    const start = startOf(plan);
+    if (start) return `starts ${dayWords(start).replace("Today", "today")}, ${clockTime(start)}`;
     if (!plan.queue_position) return "waiting for its start";
     const seconds = Math.round((Date.parse(plan.expected_start) - Date.now()) / 1e3);
     const begins = seconds > 0 ? `, begins in about ${seconds < 90 ? `${seconds} s` : `${Math.round(seconds / 60)} min`}` : "";
     return `waiting, ${ordinal(plan.queue_position)} in the queue${begins}`;
   }
   return `${plan.state} ${Math.round(100 * plan.progress.fraction)} %`;
+}
+
+/** When a job may begin, where that is yet to come. */
+function startOf({ state, start_time }) {
+  return state === "queued" && start_time && Date.parse(start_time) > Date.now() ? start_time : null;
+}
+
+function sentence(words) {
+  return words[0].toUpperCase() + words.slice(1);
 }
 
 function ordinal(number) {
@@ -431,7 +530,7 @@ function nothingListed() {
 function listItem(plan) {
   const status = plan.outcome ?? plan.state;
   const words = plan.done ? status.replace("_", " ") : progressOf(plan);
-  const item = element("li", { className: plan.done ? status : "running", tabIndex: 0 },
+  const item = element("li", { className: plan.done ? status : startOf(plan) ? "waiting" : "running", tabIndex: 0 },
     element("span", { className: "dot" }), element("b", { textContent: nameOf(plan), title: nameOf(plan) }),
     element("small", { textContent: `${words} · ${clockTime(plan.created_at)}` }),
     ...(plan.work_master ? [element("small", { textContent: `part ${plan.work_master}` })] : []),
@@ -441,7 +540,7 @@ function listItem(plan) {
   item.setAttribute("aria-selected", String(plan.id === wanted));
   const open = () => {
     if (plan.id !== wanted && plan.study_id !== study) leaveStudy();
-    choose(plan.id);
+    choose(plan.id, true);
   };
   item.onclick = open;
   item.onkeydown = (event) => listKey(event, open);
@@ -450,6 +549,7 @@ function listItem(plan) {
 
 document.getElementById("older").onclick = () => refreshList(true);
 setInterval(writeMoment, ADDRESS_MILLISECONDS);
+window.addEventListener("popstate", revisit);
 window.addEventListener("hashchange", () => loaded === wanted && loaded && player.visitMoment(readMoment()));
 filter.oninput = () => refreshList();
 filter.onsubmit = (event) => event.preventDefault();

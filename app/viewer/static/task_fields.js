@@ -15,8 +15,8 @@ const SHAPES = {
   mesh: { type: "mesh", asset: "can" },
 };
 /** Height of the table of a task's cell [m]; of the first cell that is known where the task names none or no such one. */
-function tableTop(task, { cell_limits }) {
-  return (cell_limits[task.cell] ?? Object.values(cell_limits)[0]).table.top;
+function tableTop(task, { cell_limits, default_cells }) {
+  return (cell_limits[task.cell] ?? cell_limits[default_cells[task.kind]]).table.top;
 }
 
 /** Names of tools that a task may use: the shipped ones, and those that its cell brings. */
@@ -122,6 +122,7 @@ function fieldsOf(thing, draft, capabilities) {
         { title: "Place on the plate, from its origin", fields: draft.get("/cup/position")
           ? [
               number("x, along the plate", "/cup/position/0", MM), number("y, across the plate", "/cup/position/1", MM),
+              { type: "errors", pointer: "/cup/position" },
               { type: "act", label: "Find the best place", pointer: "/cup/position", act: () => draft.remove("/cup/position") },
             ]
           : [
