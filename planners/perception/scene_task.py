@@ -279,7 +279,8 @@ def _names_in(task: Mapping[str, Any]) -> set[str]:
     """Return the names of a task's objects and obstacles, as far as they are some."""
     members = [task.get(member) for member in ("objects", "obstacles")]
     bodies = [each for bodies in members if isinstance(bodies, list) for each in bodies]
-    return {each["name"] for each in bodies if isinstance(each, dict) and isinstance(each.get("name"), str)}
+    names = [each.get("name") for each in bodies if isinstance(each, dict)]
+    return {name for name in names if isinstance(name, str)}
 
 
 def _obstacles(

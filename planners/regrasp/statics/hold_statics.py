@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform
@@ -272,7 +273,7 @@ class HoldStatics:
         """Return the factors (n,), 1 or more, by which time must be stretched at samples; None: none would do."""
         low = np.ones(len(segment.trajectory.time))
 
-        def holds(slowness: Array) -> Array:
+        def holds(slowness: Array) -> NDArray[np.bool_]:
             return self._bearing(segment, loads, slowness / math.sqrt(SUDDEN)).left >= 0.0
 
         held, high = holds(low), np.full_like(low, _SLOWEST)
