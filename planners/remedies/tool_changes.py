@@ -436,7 +436,7 @@ def _other_cup(
     """Describe a tool in full, with another cup; what follows from the cup's force follows from the new one."""
     cup = {"radius": tool.cup.radius, "max_force": tool.cup.max_force, "mu": tool.cup.mu}
     # As it is not told in a task that was read whether it says kappa itself.
-    if not math.isclose(ToolCup.model_validate(cup).kappa, tool.cup.kappa, rel_tol=1e-6):
-        cup["kappa"] = tool.cup.kappa
-    described = {**tool.model_dump(mode="json"), "cup": cup | members}
+    is_default = math.isclose(ToolCup.model_validate(cup).kappa, tool.cup.kappa, rel_tol=1e-6)
+    own = {} if is_default else {"kappa": tool.cup.kappa}
+    described = {**tool.model_dump(mode="json"), "cup": {**cup, **own, **members}}
     return TaskChange(kind, sentence, (put("/tool", described),), way, size)
