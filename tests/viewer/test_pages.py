@@ -27,6 +27,8 @@ from support.service import FAKE_SOLVER, ServiceProcess, finished, running_servi
 PLANS = ("ab1", "pb1_weak_cup")
 """Shipped tasks: a lift with its simulation, and one that cannot be."""
 PAGES = ("start", "cells", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS)
+LONGEST_PAUSE = 6000
+"""After which a page asks again at the latest [ms]."""
 FINGER = 40
 """Least height of what a finger must hit on a phone [px]; Chromium rounds."""
 OVERFLOWING = """() => [...document.querySelectorAll('header, header *, main, main > *, #tabs, #timeline, section')]
@@ -151,6 +153,8 @@ def test_the_page_that_asks_for_a_key_is_readable(window: Page, tmp_path: Path) 
             window.goto(f"{locked.address}/viewer/")
             assert "/viewer/login" in window.url
             assert serious_findings(window) == []
+        window.goto(f"{locked.address}/viewer/compare?plans=a,b#t=3&camera=side")
+        expect(window.locator("[name=next]")).to_have_value("/viewer/compare?plans=a,b#t=3&camera=side")
 
 
 @pytest.mark.slow
@@ -200,6 +204,21 @@ def test_in_a_low_window_every_part_of_the_viewer_is_reached_by_scrolling(
             window.wait_for_function("scrollY + innerHeight >= document.scrollingElement.scrollHeight - 1")
             below = window.evaluate(BELOW)
             assert below == [], f"{name} in {width} x {height}: {below}"
+
+
+def test_the_start_page_says_so_while_the_service_does_not_answer(browser: Browser, addresses: dict[str, str]) -> None:
+    page = browser.new_page()
+    page.clock.install()
+    page.goto(addresses["start"])
+    health = page.locator("#health")
+    expect(health).to_have_text("ready")
+    page.route("**/readyz", lambda route: route.abort())
+    page.clock.run_for(LONGEST_PAUSE)
+    expect(health).to_have_text("no connection")
+    page.unroute("**/readyz")
+    page.clock.run_for(LONGEST_PAUSE)
+    expect(health).to_have_text("ready")
+    page.close()
 
 
 @pytest.mark.parametrize("path", ["/", "/docs", "/viewer/"])
