@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from http import HTTPStatus
 from itertools import chain
+from typing import Any
 
 import structlog
 from fastapi import FastAPI, Request
@@ -202,12 +203,18 @@ class NotJsonMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title
         self.headers = {"Accept-Post": "application/json"}
 
 
+def _type_words(given: str | None, known: Sequence[str], file: str) -> str:
+    """Say which type was declared, of a file of that name if it has one, and which ones there are."""
+    called = f" {file[:100]!r}" if file else ""
+    was = "missing" if given is None else f"{given[:100]!r}"
+    return f"the type of the file{called} is {was}; it must be one of {', '.join(known)}"
+
+
 class NotMeshMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a mesh"):
     """A body is declared as something else than a mesh."""
 
-    def __init__(self, given: str | None, known: Sequence[str]) -> None:
-        was = "missing" if given is None else f"{given[:100]!r}"
-        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+    def __init__(self, given: str | None, known: Sequence[str], file: str = "") -> None:
+        super().__init__(_type_words(given, known, file))
         self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
 
 
@@ -218,9 +225,8 @@ class BadUpload(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="The
 class NotCellMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a cell"):
     """A body is declared as something else than a cell."""
 
-    def __init__(self, given: str | None, known: Sequence[str]) -> None:
-        was = "missing" if given is None else f"{given[:100]!r}"
-        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+    def __init__(self, given: str | None, known: Sequence[str], file: str = "") -> None:
+        super().__init__(_type_words(given, known, file))
         self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
 
 
@@ -469,16 +475,29 @@ def _answer_known(_: Request, error: Exception) -> ProblemResponse:
 def _answer_parameters(request: Request, error: Exception) -> ProblemResponse:
     """Name the parameters that there are to whoever gives another."""
     assert isinstance(error, RequestValidationError)
-    problems = [
-        replace(problem, allowed=_query_parameters(request)) if fault["type"] == "extra_forbidden" else problem
-        for fault, problem in zip(error.errors(), _problems(error), strict=True)
-    ]
-    return _answered(error, problems)
+    faults = zip(error.errors(), _problems(error), strict=True)
+    return _answered(error, [_parameter_problem(request, fault["type"], problem) for fault, problem in faults])
 
 
-def _query_parameters(request: Request) -> list[str]:
+def _parameter_problem(request: Request, kind: str, problem: Problem) -> Problem:
+    """Return what is wrong with a parameter, with the choices there are where one is unknown or missing."""
+    if kind == "extra_forbidden":
+        return replace(problem, allowed=[each["name"] for each in _query_parameters(request)])
+    if kind != "missing":
+        return problem
+    name = problem.pointer.rsplit("/", 1)[-1]
+    schema = next((each["schema"] for each in _query_parameters(request) if each["name"] == name), {})
+    if "$ref" in schema:
+        schema = request.app.openapi()["components"]["schemas"][schema["$ref"].rsplit("/", 1)[-1]]
+    choices = schema.get("enum")
+    if not choices:
+        return problem
+    return replace(problem, detail=f"{problem.detail}: one of {', '.join(choices)}", allowed=choices)
+
+
+def _query_parameters(request: Request) -> list[dict[str, Any]]:
     operation = request.app.openapi()["paths"][request.scope["route"].path][request.method.lower()]
-    return [parameter["name"] for parameter in operation["parameters"] if parameter["in"] == "query"]
+    return [parameter for parameter in operation.get("parameters", ()) if parameter["in"] == "query"]
 
 
 def error_response(error: Exception) -> ProblemResponse:
