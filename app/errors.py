@@ -6,13 +6,14 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from http import HTTPStatus
 from itertools import chain
-from typing import Any
 
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
 from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -482,22 +483,27 @@ def _answer_parameters(request: Request, error: Exception) -> ProblemResponse:
 def _parameter_problem(request: Request, kind: str, problem: Problem) -> Problem:
     """Return what is wrong with a parameter, with the choices there are where one is unknown or missing."""
     if kind == "extra_forbidden":
-        return replace(problem, allowed=[each["name"] for each in _query_parameters(request)])
-    if kind != "missing":
-        return problem
-    name = problem.pointer.rsplit("/", 1)[-1]
-    schema = next((each["schema"] for each in _query_parameters(request) if each["name"] == name), {})
-    if "$ref" in schema:
-        schema = request.app.openapi()["components"]["schemas"][schema["$ref"].rsplit("/", 1)[-1]]
-    choices = schema.get("enum")
-    if not choices:
-        return problem
-    return replace(problem, detail=f"{problem.detail}: one of {', '.join(choices)}", allowed=choices)
+        return replace(problem, allowed=_query_parameters(request))
+    choices = _choices(request, problem.pointer.rsplit("/", 1)[-1]) if kind == "missing" else []
+    told = f"{problem.detail}: one of {', '.join(choices)}"
+    return replace(problem, detail=told, allowed=choices) if choices else problem
 
 
-def _query_parameters(request: Request) -> list[dict[str, Any]]:
-    operation = request.app.openapi()["paths"][request.scope["route"].path][request.method.lower()]
-    return [parameter for parameter in operation.get("parameters", ()) if parameter["in"] == "query"]
+def _route(request: Request) -> APIRoute:
+    """Return what answers a request."""
+    return request.scope["route"]
+
+
+def _query_parameters(request: Request) -> list[str]:
+    operation = request.app.openapi()["paths"][_route(request).path][request.method.lower()]
+    return [parameter["name"] for parameter in operation["parameters"] if parameter["in"] == "query"]
+
+
+def _choices(request: Request, name: str) -> list[str]:
+    """Return the values that a parameter of a query can have, where they can be listed."""
+    fields = _route(request).dependant.query_params
+    kinds = (field.field_info.annotation for field in fields if field.alias == name)
+    return [str(each.value) for kind in kinds if isinstance(kind, type) and issubclass(kind, Enum) for each in kind]
 
 
 def error_response(error: Exception) -> ProblemResponse:

@@ -221,7 +221,8 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
     if kind == "too_long":
         return f"has too many items: {context['max_length']} are expected"
     if kind == "string_pattern_mismatch":
-        return PATTERN_WORDS.get(context["pattern"], f"must match {context['pattern']}")
+        pattern = context["pattern"]
+        return PATTERN_WORDS.get(pattern, f"must match {pattern}")
     return message.replace("Input should be", "must be", 1)
 
 
