@@ -6,12 +6,14 @@ import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from http import HTTPStatus
 from itertools import chain
 
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
 from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
@@ -202,12 +204,18 @@ class NotJsonMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title
         self.headers = {"Accept-Post": "application/json"}
 
 
+def _type_words(given: str | None, known: Sequence[str], file: str) -> str:
+    """Say which type was declared, of a file of that name if it has one, and which ones there are."""
+    called = f" {file[:100]!r}" if file else ""
+    was = "missing" if given is None else f"{given[:100]!r}"
+    return f"the type of the file{called} is {was}; it must be one of {', '.join(known)}"
+
+
 class NotMeshMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a mesh"):
     """A body is declared as something else than a mesh."""
 
-    def __init__(self, given: str | None, known: Sequence[str]) -> None:
-        was = "missing" if given is None else f"{given[:100]!r}"
-        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+    def __init__(self, given: str | None, known: Sequence[str], file: str = "") -> None:
+        super().__init__(_type_words(given, known, file))
         self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
 
 
@@ -218,9 +226,8 @@ class BadUpload(ServiceError, status=HTTPStatus.UNPROCESSABLE_ENTITY, title="The
 class NotCellMedia(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title="Not a cell"):
     """A body is declared as something else than a cell."""
 
-    def __init__(self, given: str | None, known: Sequence[str]) -> None:
-        was = "missing" if given is None else f"{given[:100]!r}"
-        super().__init__(f"the type of the file is {was}; it must be one of {', '.join(known)}")
+    def __init__(self, given: str | None, known: Sequence[str], file: str = "") -> None:
+        super().__init__(_type_words(given, known, file))
         self.headers = {"Accept-Post": ", ".join(name for name in known if "/" in name)}
 
 
@@ -469,16 +476,34 @@ def _answer_known(_: Request, error: Exception) -> ProblemResponse:
 def _answer_parameters(request: Request, error: Exception) -> ProblemResponse:
     """Name the parameters that there are to whoever gives another."""
     assert isinstance(error, RequestValidationError)
-    problems = [
-        replace(problem, allowed=_query_parameters(request)) if fault["type"] == "extra_forbidden" else problem
-        for fault, problem in zip(error.errors(), _problems(error), strict=True)
-    ]
-    return _answered(error, problems)
+    faults = zip(error.errors(), _problems(error), strict=True)
+    return _answered(error, [_parameter_problem(request, fault["type"], problem) for fault, problem in faults])
+
+
+def _parameter_problem(request: Request, kind: str, problem: Problem) -> Problem:
+    """Return what is wrong with a parameter, with the choices there are where one is unknown or missing."""
+    if kind == "extra_forbidden":
+        return replace(problem, allowed=_query_parameters(request))
+    choices = _choices(request, problem.pointer.rsplit("/", 1)[-1]) if kind == "missing" else []
+    told = f"{problem.detail}: one of {', '.join(choices)}"
+    return replace(problem, detail=told, allowed=choices) if choices else problem
+
+
+def _route(request: Request) -> APIRoute:
+    """Return what answers a request."""
+    return request.scope["route"]
 
 
 def _query_parameters(request: Request) -> list[str]:
-    operation = request.app.openapi()["paths"][request.scope["route"].path][request.method.lower()]
+    operation = request.app.openapi()["paths"][_route(request).path][request.method.lower()]
     return [parameter["name"] for parameter in operation["parameters"] if parameter["in"] == "query"]
+
+
+def _choices(request: Request, name: str) -> list[str]:
+    """Return the values that a parameter of a query can have, where they can be listed."""
+    fields = _route(request).dependant.query_params
+    kinds = (field.field_info.annotation for field in fields if field.alias == name)
+    return [str(each.value) for kind in kinds if isinstance(kind, type) and issubclass(kind, Enum) for each in kind]
 
 
 def error_response(error: Exception) -> ProblemResponse:

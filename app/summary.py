@@ -121,7 +121,12 @@ def least_torque(plan: Plan) -> tuple[float, str] | None:
 
 def _joint_torque(plan: Plan) -> dict[str, str]:
     found = least_torque(plan)
-    return {} if found is None else {"joint torque": f"{share_words(found[0])} left ({found[1]})"}
+    return {} if found is None else {"joint torque": f"{remaining_torque(found[0])} ({found[1]})"}
+
+
+def remaining_torque(share: float) -> str:
+    """Say what share of a joint's largest torque remains [1]; the word "left" is one for arms."""
+    return f"{share_words(share)} of the limit remains"
 
 
 def _cup_place(plan: Plan) -> dict[str, str]:
@@ -212,10 +217,15 @@ def _came_of(remedy: Remedy, asked: float) -> str:
     """Return what came of planning the changed task, of which such a share of every limit is asked for [1]."""
     force = "" if remedy.largest_force is None else f", at most {remedy.largest_force:.1f} N on a hand"
     kept = "" if remedy.reserve is None else f", {share_words(remedy.reserve)} of every limit kept back"
-    if remedy.reserve is not None and remedy.reserve < asked and remedy.kind != "reserve":
+    if is_less_than_asked(remedy, asked):
         kept += f", where {share_words(asked)} is asked for"
     done = ", carried out in physics" if remedy.simulated else ""
     return f"{remedy.outcome}{' and certified' if remedy.certified else ''}{kept}{force}{done}"
+
+
+def is_less_than_asked(remedy: Remedy, asked: float) -> bool:
+    """Tell whether less is kept back than such a share [1]; a remedy that changes what is asked for says so itself."""
+    return remedy.reserve is not None and remedy.reserve < asked and remedy.kind != "reserve"
 
 
 def _cause(cause: Cause) -> str:

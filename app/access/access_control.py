@@ -22,7 +22,7 @@ from app.settings import ServiceSettings
 
 LOGIN = "/viewer/login"
 HEALTH = frozenset({"/livez", "/readyz"})
-PUBLIC = HEALTH | {LOGIN, "/viewer/style.css"}
+PUBLIC = HEALTH | {LOGIN, "/viewer/style.css", "/viewer/login.js"}
 """What a machine that has no key may ask for: whether the service lives, and how to show a key."""
 METRICS = "/metrics"
 ADMIN = frozenset({"/v1/audit"})

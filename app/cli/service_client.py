@@ -164,11 +164,11 @@ class ServiceClient:
     """Talks to the service at one address."""
 
     def __init__(self, address: str) -> None:
-        """Take an address, "http://127.0.0.1:8040"; the key is that of `KEY_VARIABLE`, if there is one."""
+        """Take an address, "http://127.0.0.1:8040"; the key is that of `KEY_VARIABLE`; an empty one is none."""
         if urlsplit(address).scheme not in ("http", "https"):
             raise ServiceAway(address, "an address begins with http:// or https://")
         self.address = address.rstrip("/")
-        self._key = os.environ.get(KEY_VARIABLE)
+        self._key = os.environ.get(KEY_VARIABLE, "").strip() or None
 
     def plan(self, path: str) -> Plan:
         """Return the plan whose document is at a path.

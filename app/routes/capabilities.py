@@ -8,7 +8,7 @@ from fastapi import APIRouter
 
 from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
-from app.routes.dependencies import Cells, Settings
+from app.routes.dependencies import Authentication, Cells, Settings
 from planners.cell.asset_shelf import known_meshes
 from planners.contract.task_spec import LifterModel, PlateLiftTask, SuctionToolTask
 from planners.plan.verdicts import Software
@@ -64,6 +64,8 @@ class Capabilities(Resource):
     example_tasks: dict[str, list[str]]
     """Names of shipped tasks, by kind: files assets/tasks/NAME.json."""
     limits: Limits
+    needs_key: bool
+    """Whether requests need a key, as the header `Authorization: Bearer KEY`."""
     schema_versions: list[str]
     """Of plan documents."""
     software: Software
@@ -73,7 +75,7 @@ router = APIRouter(prefix="/v1", tags=["capabilities"])
 
 
 @router.get("/capabilities", summary="What this service can plan")
-def get_capabilities(cells: Cells, settings: Settings) -> Capabilities:
+def get_capabilities(cells: Cells, settings: Settings, authenticator: Authentication) -> Capabilities:
     """Return kinds of tasks, cells with what they reach and bear, tools, lifter models, shapes, limits and versions."""
     return Capabilities(
         kinds=list(PLANNED_KINDS),
@@ -97,6 +99,7 @@ def get_capabilities(cells: Cells, settings: Settings) -> Capabilities:
             requests_per_second=settings.requests_per_second,
             worker_slots=settings.worker_slots,
         ),
+        needs_key=not authenticator.open,
         schema_versions=[SCHEMA_VERSION],
         software=describe_software(),
     )

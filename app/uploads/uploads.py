@@ -82,7 +82,7 @@ async def read_cell(request: Request, limit: int, patience: Patience) -> tuple[b
     part = await to_thread.run_sync(_file_of_form, content, header.boundary)
     suffix = CELL_TYPES.get(part.media_type) or PurePosixPath(part.filename.lower()).suffix.replace(".yml", ".yaml")
     if suffix not in CELL_TYPES.values():
-        raise NotCellMedia(f"{part.media_type}; filename={part.filename.lower()}", (*CELL_TYPES, ".zip", ".yaml"))
+        raise NotCellMedia(part.media_type or None, (*CELL_TYPES, ".zip", ".yaml"), part.filename)
     return part.content, suffix
 
 
@@ -101,7 +101,7 @@ def _format_of(part: FormPart) -> MeshFormat:
     for suffix, file_format in SUFFIXES.items():
         if part.filename.lower().endswith(suffix):
             return file_format
-    raise NotMeshMedia(f"{part.media_type}; filename={part.filename.lower()}", (*MEDIA_TYPES, *SUFFIXES))
+    raise NotMeshMedia(part.media_type or None, (*MEDIA_TYPES, *SUFFIXES), part.filename)
 
 
 async def read_scan_form(request: Request, limit: int, patience: Patience) -> tuple[bytes, dict[str, bytes]]:

@@ -29,7 +29,7 @@ EDITOR_STYLES = ("style.css", "editor.css")
 EDITOR_SCRIPTS = ("page_parts.js", "connection.js", "task_fields.js", "task_draft.js", "editor.js")
 COMPARE_STYLES = ("style.css", "compare.css")
 COMPARE_SCRIPTS = ("page_parts.js", "connection.js", "compare.js")
-PAGE_FILES = ("start.js", "reference.css", "reference.js", "study.css", "study.js", "cells.css", "cells.js")
+PAGE_FILES = ("start.js", "login.js", "reference.css", "reference.js", "study.css", "study.js", "cells.css", "cells.js")
 """Of the pages beside the viewer."""
 LIVE_FILES = frozenset(
     {*STYLES, *LIVE_SCRIPTS, *EDITOR_STYLES, *EDITOR_SCRIPTS, *COMPARE_STYLES, *COMPARE_SCRIPTS, *PAGE_FILES}

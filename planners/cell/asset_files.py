@@ -17,14 +17,12 @@ from pydantic import (
     model_validator,
 )
 
-from planners.contract.quantities import Mass, Point3, Pose
+from planners.contract.quantities import NAME_PATTERN, Mass, Point3, Pose
 from planners.contract.scan_spec import MarkersSpec
 from planners.contract.shapes import Mesh
 from planners.contract.task_spec import CustomTool, ToolCup, ToolPart
 from planners.geometry.pose import Transform, rotation_x, rotation_y, rotation_z, transform
 
-NAME_PATTERN = r"^[A-Za-z0-9_-]{1,64}$"
-"""Of a part."""
 AssetName = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 

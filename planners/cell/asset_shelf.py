@@ -22,7 +22,6 @@ from scipy.spatial import ConvexHull, QhullError
 from assets import assets_folder
 from planners.cell.asset_files import (
     FINGER_PATTERN,
-    NAME_PATTERN,
     RELATIVE_PATH,
     Asset,
     CellFile,
@@ -37,6 +36,7 @@ from planners.cell.asset_files import (
     ToolFile,
 )
 from planners.contract.problems import json_pointer, problem_of
+from planners.contract.quantities import NAME_PATTERN, WHAT_NAMES_ARE
 from planners.contract.strict_yaml import NotYaml, parse_yaml
 from planners.contract.task_spec import UNION_TAGS, CustomTool
 from planners.errors import AssetError, AssetFault, AssetFaults
@@ -64,8 +64,6 @@ MESHES = "meshes"
 """The folder of shipped meshes that tasks name, all OBJ and in metres."""
 MESH_FORMATS: dict[str, MeshFormat] = {".stl": "stl", ".obj": "obj", ".ply": "ply", ".glb": "glb"}
 _HAND_KINDS: dict[str, type[HandFile]] = {"gripper": GripperFile, "jaws": JawsFile, "stick": StickFile}
-WHAT_NAMES_ARE = "must be 1 to 64 letters from A to Z or a to z, digits, underscores and hyphens"
-"""Of parts."""
 WHAT_PATHS_ARE = "letters from A to Z or a to z, digits, _, - and dots inside names, folders parted by /"
 _PLAIN = {
     NAME_PATTERN: WHAT_NAMES_ARE,

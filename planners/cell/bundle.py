@@ -22,7 +22,6 @@ from pydantic.json_schema import models_json_schema
 
 from planners.cell.asset_files import (
     MOST_TOOLS,
-    NAME_PATTERN,
     RELATIVE_PATH,
     CellFile,
     GripperFile,
@@ -37,7 +36,6 @@ from planners.cell.asset_files import (
 from planners.cell.asset_shelf import (
     KINDS,
     PARTS,
-    WHAT_NAMES_ARE,
     WHAT_PATHS_ARE,
     AssetKind,
     AssetShelf,
@@ -48,6 +46,7 @@ from planners.cell.asset_shelf import (
 from planners.cell.cell import Cell, CellParts, read_cell
 from planners.cell.urdf_robot import RobotFigures, robot_from_urdf
 from planners.contract.problems import json_pointer
+from planners.contract.quantities import NAME_PATTERN, WHAT_NAMES_ARE
 from planners.errors import AssetError, AssetFault, AssetFaults
 
 MOST_FILES = 500

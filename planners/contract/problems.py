@@ -11,7 +11,7 @@ from typing import Annotated, Any, Self
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from planners.contract.quantities import Mass
+from planners.contract.quantities import PATTERN_WORDS, Mass
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.contract.task_spec import KINDS, UNION_TAGS, task_schema
 from planners.errors import AssetFault, LiftwrightError, SceneError
@@ -221,7 +221,8 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
     if kind == "too_long":
         return f"has too many items: {context['max_length']} are expected"
     if kind == "string_pattern_mismatch":
-        return f"must match {context['pattern']}"
+        pattern = context["pattern"]
+        return PATTERN_WORDS.get(pattern, f"must match {pattern}")
     return message.replace("Input should be", "must be", 1)
 
 

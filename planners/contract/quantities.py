@@ -49,9 +49,18 @@ Angle = Annotated[float, Strict(), Field(ge=-100.0, le=100.0, allow_inf_nan=Fals
 """A joint position [rad]."""
 Seed = Annotated[int, Strict(), Field(ge=0, le=LARGEST_SEED)]
 
-Name = Annotated[str, Strict(), StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
-SceneId = Annotated[str, Strict(), StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
-ExternalId = Annotated[str, Strict(), StringConstraints(pattern=r"^[^\x00-\x1f\x7f]{1,128}$")]
+NAME_PATTERN = r"^[A-Za-z0-9_-]{1,64}$"
+EXTERNAL_ID_PATTERN = r"^[^\x00-\x1f\x7f]{1,128}$"
+WHAT_NAMES_ARE = "must be 1 to 64 letters from A to Z or a to z, digits, underscores and hyphens"
+PATTERN_WORDS = {
+    NAME_PATTERN: WHAT_NAMES_ARE,
+    EXTERNAL_ID_PATTERN: "must have 1 to 128 characters, none of them a control character",
+}
+"""What a string must be that has a pattern, for who wrote another one."""
+
+Name = Annotated[str, Strict(), StringConstraints(pattern=NAME_PATTERN)]
+SceneId = Annotated[str, Strict(), StringConstraints(pattern=NAME_PATTERN)]
+ExternalId = Annotated[str, Strict(), StringConstraints(pattern=EXTERNAL_ID_PATTERN)]
 """The caller's own name for the task: up to 128 characters, none of them a control character."""
 
 Point2 = tuple[Coordinate, Coordinate]

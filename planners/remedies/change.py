@@ -55,7 +55,8 @@ class TaskChange:
 
     def then(self, other: TaskChange) -> TaskChange:
         """Return this change and another one after it, as one."""
-        return TaskChange("two_changes", f"{self.sentence} {other.sentence}", (*self.patch, *other.patch))
+        sentence = f"Both of these together: {self.sentence} {other.sentence}"
+        return TaskChange("two_changes", sentence, (*self.patch, *other.patch))
 
     def applied(self, task: TaskOfKind) -> TaskOfKind | None:
         """Return the changed task; None where the contract refuses it."""
@@ -175,12 +176,14 @@ def obstacles_out_of_the_way(
             if found is not None:
                 steps.append(found[0])
                 (raised if found[1] is None else lower).append(obstacle.name)
-        told = [f"Make {listed(lower)} {1e3 * step:.0f} mm lower."] if lower else []
-        told += [f"Raise {listed(raised)} by {1e3 * step:.0f} mm."] if raised else []
+        told = [f"make {listed(lower)} {1e3 * step:.0f} mm lower"] if lower else []
+        told += [f"raise {listed(raised)} by {1e3 * step:.0f} mm"] if raised else []
         if steps:
             # A larger step may be none for a low one.
             names = listed([*lower, *raised])
-            yield TaskChange("obstacle", " ".join(told), tuple(steps), f"heights of {names}", step)
+            sentence = " and ".join(told)
+            sentence = f"{sentence[0].upper()}{sentence[1:]}."
+            yield TaskChange("obstacle", sentence, tuple(steps), f"heights of {names}", step)
 
 
 def _at_other_height(

@@ -277,6 +277,11 @@ def test_a_body_that_stops_coming_is_given_up(service: GuardedService, path: str
     assert PROBLEM.encode() in answer
 
 
+def test_a_service_that_asks_for_keys_tells_who_has_one(service: GuardedService) -> None:
+    with service.client("reader") as reader:
+        assert reader.get("/v1/capabilities").json()["needs_key"] is True
+
+
 def test_head_is_get_without_the_body_even_of_a_stream(service: GuardedService) -> None:
     with service.client("writer") as writer:
         plan = writer.post("/v1/plans", json=task(external_id="hang")).json()

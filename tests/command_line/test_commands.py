@@ -233,7 +233,7 @@ def test_a_solved_plan_tells_its_smallest_reserve_and_whether_it_is_certified(
         "reserve:        12.3 % (cup, 7.2 s); the most that was found, 20 % was asked for"
         in summarise(wanting).splitlines()
     )
-    assert ("joint torque:   30 % left (an elbow)" in lines) == (certificate is not None)
+    assert ("joint torque:   30 % of the limit remains (an elbow)" in lines) == (certificate is not None)
     (told,) = (line for line in lines if line.startswith("certificate:"))
     passed = certificate is not None and certificate["passed"]
     assert ("passed" in told, is_certified(plan)) == (passed, passed)
@@ -404,5 +404,8 @@ def test_a_service_that_asks_for_a_key_is_told_where_a_key_goes(
     service: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(KEY_VARIABLE)
+    assert main(["plan", str(TASKS / "ab1.json"), "--service", service]) == 1
+    assert f"set the environment variable {KEY_VARIABLE}" in capsys.readouterr().err
+    monkeypatch.setenv(KEY_VARIABLE, "")
     assert main(["plan", str(TASKS / "ab1.json"), "--service", service]) == 1
     assert f"set the environment variable {KEY_VARIABLE}" in capsys.readouterr().err

@@ -12,6 +12,8 @@ import httpx
 import pytest
 from support.service import task
 
+from planners.program import ProgramTarget
+
 LONGEST_SECONDS = 1.0
 
 BOX = {"type": "box", "size": [0.05, 0.05, 0.05]}
@@ -159,3 +161,11 @@ def test_an_id_of_any_length_and_kind_names_no_plan(client: httpx.Client) -> Non
 def test_an_idempotency_key_that_cannot_be_one_is_refused(client: httpx.Client, key: str) -> None:
     headers = {"Content-Type": "application/json", "Idempotency-Key": key}
     assert client.post("/v1/plans", content=json.dumps(task()).encode(), headers=headers).status_code == 400
+
+
+def test_a_parameter_that_is_missing_is_told_its_choices(client: httpx.Client) -> None:
+    answer = client.get("/v1/plans/none/program.zip")
+    assert answer.status_code == 422
+    (error,) = answer.json()["errors"]
+    assert error["allowed"] == [target.value for target in ProgramTarget]
+    assert error["detail"] == f"is required: one of {', '.join(error['allowed'])}"

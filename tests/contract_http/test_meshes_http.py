@@ -89,6 +89,13 @@ def test_a_form_without_a_file_is_refused(client: httpx.Client, body: bytes, med
     assert answer.headers["content-type"] == "application/problem+json"
 
 
+def test_a_file_that_is_no_mesh_is_called_by_its_name_and_its_type(client: httpx.Client) -> None:
+    head = b'--x\r\nContent-Disposition: form-data; name="file"; filename="readme.md"\r\n'
+    for header, told in ((b"Content-Type: text/markdown\r\n", "'text/markdown'"), (b"", "missing")):
+        detail = upload(client, head + header + b"\r\nabc\r\n--x--\r\n", FORM).json()["detail"]
+        assert detail.startswith(f"the type of the file 'readme.md' is {told}; it must be one of ")
+
+
 def test_bytes_of_a_file_that_look_like_a_boundary_stay_in_it(client: httpx.Client) -> None:
     text = file_of(angle(), "obj") + b"\r\n# --x--\r\n#--x\r\n\r\n"
     head = b'--x\r\nContent-Disposition: form-data; name="file"; filename="A.OBJ"\r\n\r\n'

@@ -211,6 +211,7 @@ def test_capabilities_name_what_can_be_planned(client: httpx.Client) -> None:
     assert {"ab1", "pb1"} < set(told["example_tasks"]["plate_lift"])
     assert {"domino_pile", "can_stack"} < set(told["example_tasks"]["suction_tool"])
     assert told["limits"]["max_body_bytes"] == 2_000_000
+    assert told["needs_key"] is False
     assert told["software"]["name"] == "liftwright"
 
 

@@ -217,6 +217,21 @@ def test_a_mass_out_of_range_is_asked_whether_it_is_in_grams():
     assert problem == Problem("/plate/mass", "must be less than or equal to 1000 kg: is it in grams?")
 
 
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"/external_id": "a\0b"}, "1 to 128 characters, none of them a control character"),
+        ({"/external_id": 129 * "a"}, "1 to 128 characters"),
+        ({"/cell": 65 * "a"}, "1 to 64 letters"),
+        ({"/obstacles": [{"name": "a b", "shape": AB1["plate"]["shape"], "pose": AB1["plate_pose"]}]}, "underscores"),
+    ],
+)
+def test_what_a_string_must_be_is_told_in_words(change, told):
+    (problem,) = problems(changed(change))
+    assert told in problem.detail
+    assert "^" not in problem.detail
+
+
 def test_a_component_of_a_quaternion_has_no_unit():
     (problem,) = problems(changed({"/plate_pose/4": 300}))
     assert "metres" not in problem.detail

@@ -12,12 +12,17 @@ import sqlalchemy as sa
 from support.own_cell import station, written
 from support.service import task
 
+from app.access.audit_log import AuditLog
+from app.access.authenticator import OpenAccess
 from app.access.caller import Caller, Scope
+from app.access.key_store import KeyStore
+from app.access.rate_limiter import RateLimiter
+from app.access.session_store import SessionStore
 from app.errors import CellIsShipped, PointNotFound
 from app.resources.cell_collection import CellCollection, examined
 from app.resources.plan_collection import PlanCollection
 from app.resources.study_collection import StudyCollection
-from app.routes.capabilities import get_capabilities
+from app.routes.capabilities import Capabilities, get_capabilities
 from app.settings import ServiceSettings
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import load_cells
@@ -61,6 +66,12 @@ def add(collection: CellCollection, each: CellBundle) -> StoredCell:
     """Have a collection keep a cell."""
     stored, _ = collection.add(each, examine(collection, each))
     return stored
+
+
+def told_of(collection: CellCollection, database: Database, folder: Path) -> Capabilities:
+    """Return what a service with these cells says of itself."""
+    doors = OpenAccess(KeyStore(database), SessionStore(database), AuditLog(database), RateLimiter(1.0, 1))
+    return get_capabilities(collection, ServiceSettings(data_dir=folder), doors)
 
 
 def long_ago(folder: Path) -> None:
@@ -143,7 +154,7 @@ def test_what_somebody_asks_for_again_is_not_removed_under_their_hands(cells: Ce
 @pytest.mark.slow
 def test_limits_of_cells_are_told_without_loading_one(database: Database, cells: CellStore, folder: Path) -> None:
     add(CellCollection({}, cells), bundle())
-    told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
+    told = told_of(CellCollection({}, CellStore(database, folder)), database, folder)
     assert found(folder) == []
     expected = CellLimits.of(bundle().load(folder))
     assert told.cell_limits == {"station": expected}
@@ -179,7 +190,7 @@ def test_a_cell_that_cannot_be_loaded_any_more_hides_no_other_one(
     with database.engine.begin() as transaction:
         broken = sa.update(CELLS).where(CELLS.c.name == "broken")
         transaction.execute(broken.values(zip=b"no zip", figures=findings.model_dump_json(exclude={"notes", "limits"})))
-    told = get_capabilities(CellCollection({}, CellStore(database, folder)), ServiceSettings(data_dir=folder))
+    told = told_of(CellCollection({}, CellStore(database, folder)), database, folder)
     assert told.cells == ["broken", "sound"]
     assert set(told.cell_limits) == {"sound"}
 

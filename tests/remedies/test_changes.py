@@ -78,7 +78,10 @@ def test_what_hangs_is_raised_as_it_is(shape: dict[str, Any]) -> None:
 def test_two_changes_are_one_patch() -> None:
     one, other = (TaskChange(name, f"{name}.", (put(f"/{name}", 1),)) for name in ("here", "there"))
     both = one.then(other)
-    assert (both.sentence, [step.path for step in both.patch]) == ("here. there.", ["/here", "/there"])
+    assert (both.sentence, [step.path for step in both.patch]) == (
+        "Both of these together: here. there.",
+        ["/here", "/there"],
+    )
 
 
 def test_every_other_model_of_the_lifter_is_tried() -> None:

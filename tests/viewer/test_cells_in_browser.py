@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -77,6 +78,7 @@ def test_a_list_that_was_asked_for_before_a_cell_was_added_and_comes_later_hides
         held[0].fulfill(response=before)
     page.wait_for_timeout(SHOWN_MILLISECONDS)
     assert page.locator("#name").inner_text() == "later"
+    expect(page.locator("#state")).to_have_text(re.compile("^later is kept, version 1, "))
     page.unroute("**/v1/cells")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -64,15 +65,15 @@ def rows(page: Page) -> dict[str, list[str]]:
 
 def test_the_table_tells_what_the_tasks_differ_in_and_nothing_else(page: Page) -> None:
     one, other = task("pb1.json"), task("pb1_weak_cup.json")
-    told = {pointer: values for pointer, values in rows(page).items() if pointer.startswith("/")}
-    assert told["/cup/max_force"] == [str(each["cup"]["max_force"]).removesuffix(".0") for each in (one, other)] or [
-        float(value) for value in told["/cup/max_force"]
-    ] == [each["cup"]["max_force"] for each in (one, other)]
+    told = rows(page)
+    assert [float(value) for value in told["cup, max force [N]"]] == [each["cup"]["max_force"] for each in (one, other)]
     assert all(left != right for left, right in told.values())
-    assert "/plate/mass" not in told or one["plate"]["mass"] != other["plate"]["mass"]
+    assert "plate, mass [kg]" not in told or one["plate"]["mass"] != other["plate"]["mass"]
     page.locator("#all-rows").check()
     assert len(rows(page)) > len(told)
     assert rows(page)["outcome"] == ["solved", "infeasible"]
+    counts = page.locator("#tables table", has_text="Nodes by contact").locator("tbody td").first.inner_text()
+    assert re.fullmatch(r"[\d,]+ nodes, [\d,]+ alive, [\d,]+ dead", counts)
     page.locator("#all-rows").uncheck()
 
 
@@ -99,3 +100,22 @@ def test_the_two_are_exchanged_and_the_address_follows(page: Page, plans: list[d
     assert page.locator("#left-plan").input_value() == plans[1]["id"]
     page.locator("#swap").click()
     page.wait_for_function("comparison.sides.every(({ description, task }) => description && task)")
+
+
+def test_a_plan_older_than_those_listed_is_called_by_its_name_and_opened_by_its_link(
+    page: Page, plans: list[dict[str, Any]]
+) -> None:
+    page.route("**/v1/plans?page_size=*", lambda route: route.fulfill(json={"plans": []}))
+    page.reload()
+    for side, plan in zip(("left", "right"), plans, strict=True):
+        chosen = page.locator(f"#{side}-plan option:checked")
+        expect(chosen).to_contain_text(f"{plan['external_id']}, {plan['outcome']}, ")
+        link = page.get_by_role("link", name=f"Open the {side} plan")
+        assert link.get_attribute("href") == f"./?plan={plan['id']}"
+
+
+def test_where_a_side_is_missing_the_page_says_what_to_do(
+    page: Page, service: ServiceProcess, plans: list[dict[str, Any]]
+) -> None:
+    page.goto(f"{service.address}/viewer/compare?plans={plans[0]['id']}")
+    expect(page.locator("#tables")).to_contain_text("choose one on each side")

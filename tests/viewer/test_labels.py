@@ -12,7 +12,7 @@ import viser
 from support.documents import plan_of
 from support.lift_documents import contact, segment
 
-from app.viewer.drawing.body_drawing import Stage
+from app.viewer.drawing.body_drawing import MOST_LETTERS, Stage, shortened
 from app.viewer.drawing.link_meshes import LinkMeshes
 from app.viewer.drawing.plan_scene import PlanScene
 from app.viewer.playback import Playback
@@ -75,3 +75,13 @@ def test_a_label_stands_at_its_arrow(server: viser.ViserServer, scene: PlanScene
     (name,) = (name for name, text in shown(server).items() if text == f"{PULL} N")
     label = server.scene._handle_from_node_name[name]
     assert any(np.allclose(label.position, end, atol=1e-6) for end in arrows.points[0])
+
+
+@pytest.mark.parametrize("length", [1, MOST_LETTERS, MOST_LETTERS + 1, 64])
+def test_a_name_in_the_scene_keeps_its_begin_and_end_and_is_never_long(length: int) -> None:
+    name = "".join(chr(ord("a") + place % 26) for place in range(length))
+    told = shortened(name)
+    assert len(told) == min(length, MOST_LETTERS)
+    begin, _, end = told.partition("…")
+    assert name.startswith(begin)
+    assert name.endswith(end)

@@ -27,6 +27,8 @@ from support.service import FAKE_SOLVER, ServiceProcess, finished, running_servi
 PLANS = ("ab1", "pb1_weak_cup")
 """Shipped tasks: a lift with its simulation, and one that cannot be."""
 PAGES = ("start", "cells", "reference", "no plan", "editor", "editor of a pile", "comparison", *PLANS)
+LONGEST_PAUSE = 6000
+"""After which a page asks again at the latest [ms]."""
 FINGER = 40
 """Least height of what a finger must hit on a phone [px]; Chromium rounds."""
 OVERFLOWING = """() => [...document.querySelectorAll('header, header *, main, main > *, #tabs, #timeline, section')]
@@ -34,6 +36,12 @@ OVERFLOWING = """() => [...document.querySelectorAll('header, header *, main, ma
     .filter((each) => each.getBoundingClientRect().right > innerWidth + 1 || each.getBoundingClientRect().left < -1)
     .map((each) => each.id || each.className || each.tagName)"""
 """What reaches over the sides of the window."""
+BELOW = """() => [...document.querySelectorAll('#scene, #timeline, #panes, #plans, #charts, #panel, main button')]
+    .filter((each) => each.offsetParent && each.getBoundingClientRect().bottom > innerHeight + 1)
+    .map((each) => each.id || each.textContent)"""
+"""What is below the window's lower side."""
+LOWEST_SCENE = 185
+"""Least height of the scene in a window in which the page scrolls [px]."""
 
 pytestmark = needs_browser
 
@@ -145,6 +153,8 @@ def test_the_page_that_asks_for_a_key_is_readable(window: Page, tmp_path: Path) 
             window.goto(f"{locked.address}/viewer/")
             assert "/viewer/login" in window.url
             assert serious_findings(window) == []
+        window.goto(f"{locked.address}/viewer/compare?plans=a,b#t=3&camera=side")
+        expect(window.locator("[name=next]")).to_have_value("/viewer/compare?plans=a,b#t=3&camera=side")
 
 
 @pytest.mark.slow
@@ -165,6 +175,50 @@ def test_on_a_phone_scene_timeline_and_one_of_list_curves_and_panel_are_seen_and
     for button in window.locator("#transport button, #panes button, #tabs button").all():
         box = button.bounding_box()
         assert box is None or box["height"] >= FINGER
+
+
+@pytest.mark.parametrize(
+    "size", [(640, 360), (844, 390), (740, 400)], ids=["twice the size", "on its side", "embedded"]
+)
+def test_in_a_low_window_every_part_of_the_viewer_is_reached_by_scrolling(
+    size: tuple[int, int], window: Page, addresses: dict[str, str]
+) -> None:
+    width, height = size
+    window.set_viewport_size({"width": width, "height": height})
+    for name in ("ab1", "pb1_weak_cup", "no plan"):
+        show(window, name, addresses[name])
+        for pane in window.locator("#panes button:visible").all() or [None]:
+            if pane is not None:
+                pane.click()
+            window.evaluate("scrollTo(0, 0)")
+            scene = window.locator("#scene").bounding_box()
+            assert scene is not None
+            assert scene["height"] >= LOWEST_SCENE
+            views, now = (window.locator(each).bounding_box() for each in ("#views", "#now"))
+            if views is not None and now is not None:
+                assert views["y"] + views["height"] <= now["y"]
+                assert now["y"] + now["height"] <= scene["y"] + scene["height"]
+            # A wheel scrolls what a script could scroll although nobody else can.
+            window.mouse.move(0.5 * width, 10.0)
+            window.mouse.wheel(0.0, 1e5)
+            window.wait_for_function("scrollY + innerHeight >= document.scrollingElement.scrollHeight - 1")
+            below = window.evaluate(BELOW)
+            assert below == [], f"{name} in {width} x {height}: {below}"
+
+
+def test_the_start_page_says_so_while_the_service_does_not_answer(browser: Browser, addresses: dict[str, str]) -> None:
+    page = browser.new_page()
+    page.clock.install()
+    page.goto(addresses["start"])
+    health = page.locator("#health")
+    expect(health).to_have_text("ready")
+    page.route("**/readyz", lambda route: route.abort())
+    page.clock.run_for(LONGEST_PAUSE)
+    expect(health).to_have_text("no connection")
+    page.unroute("**/readyz")
+    page.clock.run_for(LONGEST_PAUSE)
+    expect(health).to_have_text("ready")
+    page.close()
 
 
 @pytest.mark.parametrize("path", ["/", "/docs", "/viewer/"])

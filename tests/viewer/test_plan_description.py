@@ -92,6 +92,26 @@ def test_a_cause_without_a_plan_tells_how_much_is_missing(document: dict[str, An
     assert described(document)["causes"] == [{"reason": "No forces balance it", "numbers": "short by 20.55 N"}]
 
 
+@pytest.mark.parametrize(
+    ("kind", "kept", "told"),
+    [
+        ("cup_force", 0.05, "keeps back 5 % of 10 % asked for"),
+        ("cup_force", 0.1, "keeps back 10 %"),
+        # A change of what is asked for says so itself.
+        ("reserve", 0.05, "keeps back 5 %"),
+    ],
+)
+def test_a_remedy_that_keeps_less_back_than_is_asked_for_says_so(
+    document: dict[str, Any], kind: str, kept: float, told: str
+) -> None:
+    remedy = {"kind": kind, "sentence": "Do so.", "patch": [], "outcome": "solved", "certified": True}
+    explanation = {"summary": "None.", "remedies": [{**remedy, "reserve": kept, "largest_force": None}]}
+    document |= {"outcome": "not_found", "explanation": explanation}
+    document["task"]["options"]["reserve"] = 0.1
+    (described_remedy,) = described(document)["remedies"]
+    assert described_remedy["figures"] == f"solved, certified; {told}"
+
+
 @pytest.mark.parametrize(("asked", "told"), [(0.1, "less than the 10 % asked for"), (0.04, ""), (None, "")])
 def test_a_reserve_below_what_was_asked_for_says_so(planned: dict[str, Any], asked: float | None, told: str) -> None:
     where = {"limited_by": "cup: pull", "body": "plate", "segment": 1, "sample": 3}
@@ -110,4 +130,6 @@ def test_beside_the_smallest_reserve_it_is_told_of_which_joints_torque_least_is_
     planned["statistics"]["reserve"] = least
     check = {"name": "joint torque", "passed": True, "margin": 2.0, "unit": "Nm", "where": "left_elbow_joint"}
     planned["certificate"] = {"passed": True, "checks": [{**check, "share_left": 0.125}]}
-    assert described(planned)["least_reserve"]["torque"] == "Joint torque: 12.5 % left, left elbow joint"
+    assert (
+        described(planned)["least_reserve"]["torque"] == "Joint torque: 12.5 % of the limit remains, left elbow joint"
+    )

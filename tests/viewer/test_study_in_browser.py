@@ -99,6 +99,15 @@ def test_a_point_is_reached_by_keys_and_opened_as_a_plan(page: Page, address: st
     assert planned.json()["task"]["cup"]["max_force"] == 20
 
 
+def test_a_study_that_is_not_there_is_told_in_the_page_with_a_way_on(browser: Browser, address: str) -> None:
+    page = browser.new_page(base_url=address)
+    page.goto("/viewer/study?study=zzz")
+    expect(page.locator("#list")).to_contain_text("There is no study 'zzz'")
+    page.locator("#list").get_by_role("link", name="All studies").click()
+    page.wait_for_url("**/viewer/study")
+    page.close()
+
+
 @pytest.mark.slow
 def test_studies_are_listed(page: Page, address: str) -> None:
     study = posted(address, "now", X)

@@ -11,7 +11,15 @@ import numpy as np
 from pydantic import JsonValue, PlainSerializer
 
 from app.check_words import PROOF, words_of_check
-from app.summary import figures_of, least_reserve, least_torque, reason_of, share_words
+from app.summary import (
+    figures_of,
+    is_less_than_asked,
+    least_reserve,
+    least_torque,
+    reason_of,
+    remaining_torque,
+    share_words,
+)
 from app.viewer.description.charts import (
     DIGITS,
     PERCENT,
@@ -391,10 +399,10 @@ def _remedies(plan: Plan) -> list[RemedyDescription] | None:
     """Return what to change where there is no plan, or physics does not carry it out."""
     if plan.explanation.remedies is None:
         return None
-    task = write_task(plan.task)
+    task, asked = write_task(plan.task), plan.task.options.reserve
     return [
         RemedyDescription(
-            sentence=remedy.sentence, figures=_figures_of_remedy(remedy), task=_changed_task(task, remedy)
+            sentence=remedy.sentence, figures=_figures_of_remedy(remedy, asked), task=_changed_task(task, remedy)
         )
         for remedy in plan.explanation.remedies
     ]
@@ -407,10 +415,11 @@ def _changed_task(task: Mapping[str, Any], remedy: Remedy) -> dict[str, JsonValu
         return None
 
 
-def _figures_of_remedy(remedy: Remedy) -> str:
+def _figures_of_remedy(remedy: Remedy, asked: float) -> str:
     words = [OUTCOMES[remedy.outcome] + (", certified" if remedy.certified else "")]
     if remedy.reserve is not None:
-        words.append(f"keeps back {share_words(remedy.reserve)}")
+        of_asked = f" of {share_words(asked)} asked for" if is_less_than_asked(remedy, asked) else ""
+        words.append(f"keeps back {share_words(remedy.reserve)}{of_asked}")
     if remedy.largest_force is not None:
         words.append(f"largest force {remedy.largest_force:.1f} N")
     if remedy.simulated:
@@ -450,7 +459,7 @@ def _least_reserve(plan: Plan, segments: Sequence[SegmentDescription]) -> LeastR
         of=f"{plain(least.limited_by)}: {plain(least.body)} would be lost",
         where=f"segment {least.segment + 1}: {segments[least.segment].words}",
         time=time,
-        torque="" if torque is None else f"Joint torque: {PERCENT * torque[0]:.1f} % left, {plain(torque[1])}",
+        torque="" if torque is None else f"Joint torque: {remaining_torque(torque[0])}, {plain(torque[1])}",
     )
 
 

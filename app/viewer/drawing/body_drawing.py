@@ -43,6 +43,10 @@ CUP_PROFILE = np.array(
     [[1.0, 0.0], [1.0, 0.06], [0.72, 0.26], [0.86, 0.34], [0.60, 0.52], [0.60, 0.80], [0.34, 0.84], [0.34, 1.0]]
 )
 """Radius and height of a bellows cup's outline, in radii of its lip and in its height."""
+MOST_LETTERS = 24
+"""Of a name in the scene: a longer one would reach out of the picture on a phone."""
+NAME_END = 8
+"""Letters that are kept of the end of a longer one, by which names often differ."""
 SUN = (1.6, -1.2, 3.2)
 """Whence it shines."""
 SENSOR_COLOUR = (44, 48, 54)
@@ -50,6 +54,13 @@ STICK_COLOUR = (176, 182, 190)
 RUBBER_COLOUR = (34, 36, 40)
 FINGER_TURNS = (rotation_z(math.pi), np.eye(3))
 """Finger 0 is at -y, finger 1 at +y, which a hand file describes."""
+
+
+def shortened(name: str) -> str:
+    """Return a name as it is written into the scene: of a long one its middle is left out."""
+    if len(name) <= MOST_LETTERS:
+        return name
+    return f"{name[: MOST_LETTERS - NAME_END - 1]}…{name[-NAME_END:]}"
 
 
 def add_frame(scene: SceneApi, name: str, T_parent_frame: Transform, axes_length: float = 0.0) -> FrameHandle:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from viser import FrameHandle, LabelHandle, SceneNodeHandle
 
-from app.viewer.drawing.body_drawing import Stage, add_frame, draw_body, place_at, surface_of
+from app.viewer.drawing.body_drawing import Stage, add_frame, draw_body, place_at, shortened, surface_of
 from app.viewer.drawing.camera import NO_OBSTACLES
 from app.viewer.drawing.considered_signs import draw_grasps, draw_places
 from app.viewer.drawing.contact_forces import ContactDrawing, by_hand
@@ -256,7 +256,7 @@ class PlanScene:
         """Write a body's name over it."""
         return self._scene.add_label(
             f"{self._root}/bodies/{name}/name",
-            name.replace("_", " "),
+            shortened(name.replace("_", " ")),
             position=(0.0, 0.0, _top(body) + self._cell.size * NAME_GAP),
             font_screen_scale=0.95,
             anchor="bottom-center",

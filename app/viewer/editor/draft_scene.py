@@ -18,7 +18,7 @@ from viser import (
     TransformControlsHandle,
 )
 
-from app.viewer.drawing.body_drawing import Stage, add_frame, draw_body, draw_surface, place
+from app.viewer.drawing.body_drawing import Stage, add_frame, draw_body, draw_surface, place, shortened
 from app.viewer.editor.draft import CUP, Draft, DraftCup, DraftPart, cup_in_world
 from app.viewer.editor.placing import STEP, put, written, yaw_of
 from app.viewer.palette import BODIES, Rgb, object_tint, rgb
@@ -222,7 +222,9 @@ class DraftScene:
 
     def _add_label(self, name: str, part: DraftPart) -> None:
         top = part.T_world_body[:3, :3].T @ np.array([0.0, 0.0, self._half_height(part) + self._cell.size * LABEL_GAP])
-        self._scene.add_label(f"{name}/name", part.name, position=top, font_screen_scale=0.85, anchor="bottom-center")
+        # A goal may be where its object is, and has its name below that of the object.
+        anchor = "top-center" if part.is_goal else "bottom-center"
+        self._scene.add_label(f"{name}/name", shortened(part.name), position=top, font_screen_scale=0.85, anchor=anchor)
 
     def _half_height(self, part: DraftPart) -> float:
         return float((part.solid.surface()[0] @ part.T_world_body[2, :3]).max())

@@ -13,13 +13,7 @@ async function call(path, options = {}) {
   return body;
 }
 
-function element(tag, properties = {}, ...children) {
-  const made = Object.assign(document.createElement(tag), properties);
-  made.append(...children);
-  return made;
-}
-
-const told = (cell) => cell.version === null ? "shipped" : `version ${cell.version}, ${new Date(cell.created_at).toLocaleString()}`;
+const told = (cell) => cell.version === null ? "shipped" : `version ${cell.version}, ${dated(cell.created_at)}`;
 
 async function list() {
   const number = ++lists;
@@ -87,6 +81,7 @@ async function add(file) {
   byId("state").textContent = `reading ${file.name} …`;
   const cell = await call("/v1/cells", { method: "POST", body: file, headers: { Accept: "application/json", "Content-Type": type } });
   shown = cell.id;
+  byId("state").textContent = `${cell.name} is kept, ${told(cell)}`;
   await list();
 }
 

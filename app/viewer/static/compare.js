@@ -3,6 +3,12 @@
 
 const SIDES = ["left", "right"];
 const LIGHT = drawsLightly();
+/** Of numbers of tasks, by the name of the member. */
+const UNITS = {
+  mass: "kg", size: "m", radius: "m", height: "m", outline: "m", position: "m", com: "m", com_tolerance: "m", goal_height: "m", eps: "m",
+  max_force: "N", kappa: "N", normal: "N", net: "N", squeeze: "N", start_positions: "rad",
+  plate_pose: "m; w, x, y, z", pose: "m; w, x, y, z", goal_pose: "m; w, x, y, z", tool_pose: "m; w, x, y, z",
+};
 const byId = (id) => document.getElementById(id);
 
 /** One of the two plans: its scene, and what is told of it. */
@@ -13,6 +19,7 @@ class PlanSide {
     this.box = this.frame.parentElement;
     this.chooser = byId(`${name}-plan`);
     this.badge = this.chooser.parentElement.querySelector(".badge");
+    this.link = this.chooser.parentElement.querySelector("a");
     this.connection = new Connection();
     this.connection.onscene = (scene) => {
       this.connection.detail(LIGHT);
@@ -89,10 +96,12 @@ class Comparison {
   async fillChoosers() {
     const answer = await fetch("../v1/plans?page_size=200&state=succeeded");
     const plans = answer.ok ? (await answer.json()).plans : [];
+    // What is compared may be older than those that are listed.
+    const known = new Set(plans.map(({ id }) => id));
+    const older = [...new Set(this.sides.map(({ plan }) => plan))].filter((plan) => plan && !known.has(plan));
+    const told = await Promise.all(older.map((plan) => fetch(`../v1/plans/${encodeURIComponent(plan)}`).then((found) => (found.ok ? found.json() : { id: plan }))));
     for (const side of this.sides) {
-      const known = plans.some(({ id }) => id === side.plan) || !side.plan ? [] : [element("option", { value: side.plan, textContent: side.plan.slice(0, 8) })];
-      side.chooser.replaceChildren(element("option", { value: "", textContent: "…", disabled: true }), ...known, ...plans.map(({ id, external_id, outcome, created_at }) =>
-        element("option", { value: id, textContent: `${external_id ?? id.slice(0, 8)}, ${outcome.replace("_", " ")}, ${new Date(created_at).toLocaleString("en-GB", { dateStyle: "short", timeStyle: "short" })}` })));
+      side.chooser.replaceChildren(element("option", { value: "", textContent: "…", disabled: true }), ...[...told, ...plans].map((plan) => element("option", { value: plan.id, textContent: nameOf(plan) })));
       side.chooser.value = side.plan ?? "";
     }
   }
@@ -105,6 +114,7 @@ class Comparison {
   changed() {
     const plans = this.sides.map(({ plan }) => plan ?? "");
     history.replaceState(null, "", `?plans=${plans.join(",")}`);
+    for (const { link, plan, name } of this.sides) Object.assign(link, { hidden: !plan, href: `./?plan=${encodeURIComponent(plan)}`, ariaLabel: `Open the ${name} plan` });
     byId("time").max = this.duration || 1;
     this.seek(Math.min(this.time, this.duration));
     this.tell();
@@ -154,13 +164,13 @@ class Comparison {
   /** Tables of what the two differ in: what came of them, their figures, their tasks. */
   tell() {
     const [left, right] = this.sides.map(({ description }) => description);
-    if (!left || !right) return byId("tables").replaceChildren();
+    if (!left || !right) return byId("tables").replaceChildren(element("p", { textContent: "What two plans differ in is told here, once there are two: choose one on each side above." }));
     const all = byId("all-rows").checked;
     const groups = [["In short", [["outcome", left.outcome_words, right.outcome_words], ...joined(left.highlights, right.highlights)]]];
     const [before, after] = this.sides.map(({ task }) => task);
     if (before && after) groups.push(["Task", joined(flattened(before), flattened(after))]);
     const titles = [...new Set([...left.figures, ...right.figures].map(({ title }) => title))];
-    const rows = (description, title) => description.figures.filter((group) => group.title === title).flatMap((group) => group.rows);
+    const rows = (description, title) => description.figures.filter((group) => group.title === title).flatMap((group) => headed(group.rows));
     for (const title of titles) groups.push([title, joined(rows(left, title), rows(right, title))]);
     const tables = groups.map(([title, found]) => [title, found.filter(([, one, other]) => all || one !== other)]).filter(([, found]) => found.length);
     byId("tables").replaceChildren(...(tables.length ? tables.map(([title, found]) => this.table(title, found)) : [element("p", { textContent: "The two are the same in all that is told of them." })]));
@@ -174,6 +184,17 @@ class Comparison {
   }
 }
 
+/** What a plan is called in a list: its name, what came of it, and when it was asked for, as far as that is known. */
+function nameOf({ id, external_id, outcome, created_at }) {
+  return [external_id ?? id.slice(0, 8), outcome?.replace("_", " "), created_at && dated(created_at)].filter(Boolean).join(", ");
+}
+
+/** Rows of several columns with the words of their heading beside each number; others as they are. */
+function headed([head, ...rows]) {
+  if (!head || head[0] !== "") return head ? [head, ...rows] : [];
+  return rows.map(([label, ...values]) => [label, ...values.map((value, column) => `${value} ${head[column + 1]}`)]);
+}
+
 /** Rows [label, value, …] of two plans side by side, by their labels; what one has not is a dash. */
 function joined(left, right) {
   const values = (rows) => new Map(rows.map(([label, ...rest]) => [label, rest.join(", ")]));
@@ -181,10 +202,19 @@ function joined(left, right) {
   return [...new Set([...one.keys(), ...other.keys()])].map((label) => [label, one.get(label) ?? "—", other.get(label) ?? "—"]);
 }
 
-/** All members of a task as rows [pointer, value]; arrays of numbers are one value. */
+/** A pointer into a task in words, with the unit of what is there. */
+function worded(pointer) {
+  const steps = pointer.split("/").slice(1);
+  const isIndex = (step) => /^\d+$/.test(step);
+  const unit = UNITS[steps.findLast((step) => !isIndex(step))];
+  const words = steps.map((step) => (isIndex(step) ? ` ${Number(step) + 1}` : `, ${step.replaceAll("_", " ")}`)).join("").slice(2);
+  return unit ? `${words} [${unit}]` : words;
+}
+
+/** All members of a task as rows [words, value]; arrays of numbers are one value. */
 function flattened(value, pointer = "") {
   const isLeaf = value === null || typeof value !== "object" || (Array.isArray(value) && value.every((each) => typeof each === "number"));
-  if (isLeaf) return [[pointer, Array.isArray(value) ? value.join(", ") || "none" : value === null ? "none" : String(value)]];
+  if (isLeaf) return [[worded(pointer), Array.isArray(value) ? value.join(", ") || "none" : value === null ? "none" : String(value)]];
   return Object.entries(value).flatMap(([key, part]) => flattened(part, `${pointer}/${key}`));
 }
 

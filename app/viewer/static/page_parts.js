@@ -33,6 +33,11 @@ function element(tag, properties = {}, ...children) {
   return made;
 }
 
+/** Day and time of a moment, written in one way in all browsers. */
+function dated(moment) {
+  return new Date(moment).toLocaleString("en-GB", { dateStyle: "short", timeStyle: "short" });
+}
+
 /** Ask for the plan of a point of a study, made now if there is none yet. An error says why there is none. */
 async function planOfPoint(study, index) {
   const asked = { method: "POST", headers: { Accept: "application/json" } };

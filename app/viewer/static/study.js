@@ -262,7 +262,7 @@ async function showList() {
   const page = await call("/v1/studies"), list = element("ul");
   for (const each of page.studies) {
     const name = each.external_id ?? `${each.kind === "plate_lift" ? "Plate lift" : "Suction tool"}, ${each.count} points`;
-    const more = `${each.state}, ${each.known} of ${each.count} points, ${new Date(each.created_at).toLocaleString()}`;
+    const more = `${each.state}, ${each.known} of ${each.count} points, ${dated(each.created_at)}`;
     list.append(element("li", {}, element("a", { href: `study?study=${each.id}`, textContent: name }), element("small", {}, more)));
   }
   byId("list").append(list);
@@ -271,4 +271,9 @@ async function showList() {
   byId("list").append(element("p", {}, "No studies yet. The editor begins one of the cup's places on a plate; this one of whatever is varied: ", line));
 }
 
-(wanted ? showStudy() : showList()).catch((error) => { byId("state").textContent = error.message; });
+(wanted ? showStudy() : showList()).catch((error) => {
+  byId("state").textContent = error.message;
+  if (study) return;
+  // Without a study there is nothing else on the page.
+  byId("list").replaceChildren(element("p", {}, `${error.message[0].toUpperCase()}${error.message.slice(1)}. `, element("a", { href: "study", textContent: "All studies" })));
+});
