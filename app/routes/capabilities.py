@@ -10,7 +10,7 @@ from app.example_tasks import example_tasks
 from app.resources.schemas import Resource
 from app.routes.dependencies import Authentication, Cells, Settings
 from planners.cell.asset_shelf import known_meshes
-from planners.contract.task_spec import LifterModel, PlateLiftTask, SuctionToolTask
+from planners.contract.task_spec import DEFAULT_CELLS, LifterModel
 from planners.plan.verdicts import Software
 from planners.scene.scene import PLANNED_KINDS
 from planners.scene.shape_source import PLANNED_SHAPES
@@ -19,7 +19,6 @@ from planners.survey.cell_limits import CellLimits
 from workers.software import describe_software
 
 SCHEMA_VERSION = "1.0"
-TASKS = {"plate_lift": PlateLiftTask, "suction_tool": SuctionToolTask}
 
 
 class Limits(Resource):
@@ -81,7 +80,7 @@ def get_capabilities(cells: Cells, settings: Settings, authenticator: Authentica
         kinds=list(PLANNED_KINDS),
         cells=sorted(cells),
         cell_limits=cells.limits(),
-        default_cells={kind: task.model_fields["cell"].default for kind, task in TASKS.items()},
+        default_cells=DEFAULT_CELLS,
         lifter_models=list(get_args(LifterModel)),
         tools=known_tools(),
         shapes=list(PLANNED_SHAPES),

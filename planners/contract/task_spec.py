@@ -167,6 +167,10 @@ class PlateLiftOptions(PlanningOptions):
     """Pushes to use instead of generated ones."""
 
 
+LIFT_CELL, TOOL_CELL = "dual_ur3e_lift", "dual_ur3e_tool"
+"""In which a task is that names none."""
+DEFAULT_CELLS = {"plate_lift": LIFT_CELL, "suction_tool": TOOL_CELL}
+"""The same, by kind."""
 LifterModel = Literal["paper", "cable", "dexnet"]
 """What the vacuum lifter's cup can exert, see `planners.balance.lifter`."""
 
@@ -175,7 +179,7 @@ class PlateLiftTask(StrictModel):
     """Raise a plate from its support with two hands and the vacuum lifter (paper B)."""
 
     kind: Literal["plate_lift"]
-    cell: Name = "dual_ur3e_lift"
+    cell: Name = LIFT_CELL
     plate: Plate
     plate_pose: Pose
     """The plate's body frame in the world: top face up, its whole bottom face at rest."""
@@ -298,7 +302,7 @@ class SuctionToolTask(StrictModel):
     """Move objects to their goals with a suction tool that the hands regrasp (paper A)."""
 
     kind: Literal["suction_tool"]
-    cell: Name = "dual_ur3e_tool"
+    cell: Name = TOOL_CELL
     tool: Tool = "long_symmetric"
     """Name of a shipped one or of one that the cell brings, or a description."""
     tool_pose: Pose | None = None

@@ -403,7 +403,8 @@ class Editor {
 
   curl() {
     const body = JSON.stringify(this.draft.task).replaceAll("'", "'\\''");
-    return `curl -H 'Content-Type: application/json' -d '${body}' ${location.origin}/v1/plans`;
+    const key = this.capabilities.needs_key ? `-H "Authorization: Bearer $KEY" ` : "";
+    return `curl ${key}-H 'Content-Type: application/json' -d '${body}' ${location.origin}/v1/plans`;
   }
 
   async post() {
