@@ -390,7 +390,8 @@ def test_handovers_are_computed_aloud_and_once_for_a_data_directory(
     file, kept = str(ROOT / "assets/tasks/domino_pile.json"), tmp_path / "kept"
     assert main(["plan", file]) == 2
     told = capsys.readouterr().err
-    assert told.count("computing handovers") == 1
+    # On a slow machine progress tells of it as well.
+    assert told.count("liftwright: computing handovers") == 1
     assert "not kept" in told
     assert "--data-dir" in told
     assert list(tmp_path.iterdir()) == []
