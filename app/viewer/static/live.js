@@ -346,7 +346,7 @@ function mark() {
 function whyNot(plan, detail) {
   if (plan?.state === "failed") return ["The job failed", plan.error?.detail ?? detail, "That is no property of the task: the service's log says what went wrong."];
   if (plan?.state === "cancelled") return ["Cancelled", "The job was cancelled before there was a plan."];
-  if (deleted) return ["Deleted", "There is no such plan, or no more."];
+  if (deleted) return ["Deleted", `It was deleted, or never was: there is no plan ${wanted}.`];
   if (plan && !plan.done) {
     const title = startOf(plan) ? "Waiting for its start" : plan.state === "queued" ? "Waiting for its turn" : "Being planned";
     const cancel = element("button", { textContent: "Cancel", onclick: () => fetch(plan.links.cancel, { method: "POST" }).then(() => refreshList(), () => {}) });
@@ -449,8 +449,10 @@ function showList(newest) {
     return;
   }
   if (deleted && !mine()) {
-    if (loaded === wanted) player.play(false);
-    return say(...whyNot(null));
+    // What is loaded may be watched on; where its links led there is nothing any more.
+    if (loaded === wanted) document.getElementById("links").replaceChildren(element("span", { textContent: "This plan was deleted." }));
+    else say(...whyNot(null));
+    return;
   }
   const known = mine();
   if (!known || faulty === wanted || connection.busy) return;
