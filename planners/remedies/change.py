@@ -234,10 +234,9 @@ def standing_on_others(bodies: Sequence[Body]) -> dict[int, list[int]]:
     return {number: others for number, others in above.items() if others}
 
 
-def stacked(bodies: Sequence[Body]) -> frozenset[int]:
-    """Return the numbers of bodies that stand on others or have others on them."""
-    found = standing_on_others(bodies)
-    return frozenset(found).union(*found.values())
+def stacked(above: Mapping[int, Sequence[int]]) -> frozenset[int]:
+    """Return the numbers of bodies that stand on others or have others on them, as `standing_on_others` found them."""
+    return frozenset(above).union(*above.values())
 
 
 def told_cup_place(place: tuple[float, float]) -> str:

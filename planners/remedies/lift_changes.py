@@ -41,6 +41,7 @@ from planners.remedies.change import (
     put,
     removed,
     stacked,
+    standing_on_others,
     told_cup_place,
     turning,
 )
@@ -144,6 +145,7 @@ class LiftChanges:
         self._settings = replace(settings, reserve=0.0, most_reserve=False, full=False)
         self._kept = _SHARE_OF_RESERVE * settings.reserve
         self.scene = build(task)
+        self._stacked = stacked(standing_on_others(self.scene.obstacles))
         self._planner = self._planner_of(self.scene)
         self._rotation = self.scene.T_world_plate[:2, :2]
         """Takes directions on the plate to the world."""
@@ -619,14 +621,14 @@ class LiftChanges:
             yield largest
 
     def _obstacle_height(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
-        if index in stacked(self.scene.obstacles):
+        if index in self._stacked:
             return iter(())
         T_world_body = self.scene.obstacles[index].T_world_body
         return obstacle_out_of_the_way(index, obstacle, T_world_body, self.scene.cell.table_top, self.scene.cell.size)
 
     def _obstacle_moved(self, index: int, obstacle: Obstacle) -> Iterator[TaskChange]:
         """Move an obstacle straight away from the plate."""
-        if index in stacked(self.scene.obstacles):
+        if index in self._stacked:
             return
         way = straightest(np.array(obstacle.pose[:2]) - self.scene.T_world_plate[:2, 3])
         for length in _OBSTACLE_WAYS:

@@ -106,7 +106,8 @@ class ToolChanges:
         self._scene, self._cell, self._middle = scene, scene.cell, between_arms(scene.cell)
         self._reach = least_reach(scene.cell)
         self._gravity = float(np.linalg.norm(scene.cell.gravity))
-        self._above, self._stacked = standing_on_others(scene.obstacles), stacked(scene.obstacles)
+        self._above = standing_on_others(scene.obstacles)
+        self._stacked = stacked(self._above)
         self._explanation = explanation = failed.explanation
         self._told = " ".join([explanation.summary, *(f"{cause.reason} {cause.where}" for cause in explanation.causes)])
         named = [each for each in task.objects if self._names(each.name)]

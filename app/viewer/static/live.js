@@ -270,6 +270,7 @@ function revisit() {
 function leave() {
   [wanted, wantedScene, loaded] = [null, null, null];
   document.getElementById("links").replaceChildren();
+  perceived.close();
   leaveStudy();
   mark();
   showEmpty();
