@@ -125,6 +125,10 @@ def test_a_plan_of_a_point_has_its_studys_map_in_the_colours_of_the_scale_howeve
     assert f"study={study['id']}" in page.url
 
     look_from_above(page)
+    named = settled(page)
+    # The plate's name may stand over a tile.
+    page.keyboard.press("n")
+    wait_until_it_differs(page, named)
     settled(page)
     seen = np.asarray(Image.open(io.BytesIO(page.screenshot(scale="css"))).convert("RGB"), dtype=int)
     scale: Any = page.locator(".map-scale").bounding_box()
