@@ -37,6 +37,7 @@ from workers.stores.tables import (
     TOTALS,
     AuditRow,
     Position,
+    created_before,
     insert_rows,
     newest_first,
     now_us,
@@ -600,17 +601,9 @@ class PlanStore:
         query = sa.select(TOTALS).order_by(TOTALS.c.name, TOTALS.c.label)
         return [Total(**row) for row in self._database.mappings(query)]
 
-    def created_before(self, time_us: int, after: tuple[int, str], most: int) -> list[tuple[int, str]]:
+    def created_before(self, time_us: int, after: Position, most: int) -> list[Position]:
         """Return (created_us, id) of plans accepted before a time, oldest first, from behind `after`."""
-        query = (
-            sa.select(PLANS.c.created_us, PLANS.c.id)
-            .where(
-                PLANS.c.created_us < time_us,
-                sa.tuple_(PLANS.c.created_us, PLANS.c.id) > sa.tuple_(*map(sa.literal, after)),
-            )
-            .order_by(PLANS.c.created_us, PLANS.c.id)
-            .limit(most)
-        )
+        query = created_before(PLANS, time_us, after, most)
         return [(row.created_us, row.id) for row in self._database.rows(query)]
 
     def delete(self, plan_id: str) -> None:

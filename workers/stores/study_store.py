@@ -18,7 +18,7 @@ from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue, NewJob
 from workers.stores.jobs import Job
 from workers.stores.plan_store import Accepted, PlanRecord, PlanStore, Submission, stored_key
-from workers.stores.tables import PLANS, STUDIES, STUDY_POINTS, Position, newest_first, now_us
+from workers.stores.tables import PLANS, STUDIES, STUDY_POINTS, Position, created_before, newest_first, now_us
 from workers.stores.totals import STUDY_POINT, add_to_total
 
 POINTS_PER_PART = 12
@@ -224,11 +224,8 @@ class StudyStore:
 
     def created_before(self, time_us: int, after: Position, most: int) -> list[Position]:
         """Return (created_us, id) of studies accepted before a time, oldest first, from behind `after`."""
-        key = STUDIES.c.created_us, STUDIES.c.id
-        query = sa.select(*key).where(
-            STUDIES.c.created_us < time_us, sa.tuple_(*key) > sa.tuple_(*map(sa.literal, after))
-        )
-        return [(row.created_us, row.id) for row in self._database.rows(query.order_by(*key).limit(most))]
+        query = created_before(STUDIES, time_us, after, most)
+        return [(row.created_us, row.id) for row in self._database.rows(query)]
 
     def delete(self, study_id: str) -> None:
         """Remove a study with its points and its jobs; plans that were made of points stay."""

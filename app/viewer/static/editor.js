@@ -403,8 +403,7 @@ class Editor {
 
   curl() {
     const body = JSON.stringify(this.draft.task).replaceAll("'", "'\\''");
-    const key = this.capabilities.needs_key ? `-H "Authorization: Bearer $KEY" ` : "";
-    return `curl ${key}-H 'Content-Type: application/json' -d '${body}' ${location.origin}/v1/plans`;
+    return curlLine(this.capabilities, `'${body}'`);
   }
 
   async post() {

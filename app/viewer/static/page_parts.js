@@ -33,6 +33,12 @@ function element(tag, properties = {}, ...children) {
   return made;
 }
 
+/** The line of a shell that has this service plan what `data` is in curl's words. */
+function curlLine({ needs_key }, data) {
+  const key = needs_key ? '-H "Authorization: Bearer $KEY" ' : "";
+  return `curl ${key}-H 'Content-Type: application/json' -d ${data} ${location.origin}/v1/plans`;
+}
+
 /** Day and time of a moment, written in one way in all browsers. */
 function dated(moment) {
   return new Date(moment).toLocaleString("en-GB", { dateStyle: "short", timeStyle: "short" });

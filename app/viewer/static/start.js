@@ -30,21 +30,17 @@ async function tell() {
   document.getElementById("version").textContent = `${name} ${version}`;
   document.getElementById("capabilities").replaceChildren(...ROWS.flatMap(([words, member]) => row(words, ...told[member].map(named))),
     ...row("Jobs at a time", String(told.limits.worker_slots)));
-  const key = told.needs_key ? '-H "Authorization: Bearer $KEY" ' : "";
-  document.getElementById("first-line").textContent = `curl ${key}-H 'Content-Type: application/json' -d @assets/tasks/ab1.json ${location.origin}/v1/plans`;
+  document.getElementById("first-line").textContent = curlLine(told, "@assets/tasks/ab1.json");
   isTold = true;
 }
 
 function row(words, ...values) {
-  const [term, meaning] = ["dt", "dd"].map((tag) => document.createElement(tag));
-  term.textContent = words;
-  meaning.append(...values.flatMap((value) => [value, " "]));
-  return [term, meaning];
+  return [element("dt", {}, words), element("dd", {}, ...values.flatMap((value) => [value, " "]))];
 }
 
 /** A name as tasks write it. */
 function named(name) {
-  return Object.assign(document.createElement("code"), { textContent: name });
+  return element("code", { textContent: name });
 }
 
 look();
