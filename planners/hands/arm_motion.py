@@ -60,6 +60,13 @@ PATIENCE = 8
 """So many searches in a row that were made once more in vain end that: what is asked for then has seldom a path."""
 
 
+NOT_HELD = {
+    MotionOutcome.START_IN_COLLISION: "What it carries would not be held at the start.",
+    MotionOutcome.GOALS_IN_COLLISION: "What it carries would be held at no goal within the joint limits.",
+}
+"""What is told where an end of a motion is refused though nothing touches there: checkers ask for more than that."""
+
+
 class FreeMotion:
     """Searches for free motion of one arm at a time."""
 
@@ -111,15 +118,21 @@ class FreeMotion:
             result = plan_motion(query, patient, self._rng)
             self._in_vain = 0 if result.path is not None else self._in_vain + 1
         if result.path is None or result.goal_index is None:
-            told = f"free motion of the {move.mover}: {result.outcome.value}{self._in_the_way(move, result.outcome)}"
-            raise Stuck(Rejection("transit", told))
+            raise Stuck(Rejection("transit", f"free motion of the {move.mover}: {self._told(move, result.outcome)}"))
         return BlendedPath.through(result.path, checker), result.goal_index
 
-    def _in_the_way(self, move: FreeMove, outcome: MotionOutcome) -> str:
-        ends = {MotionOutcome.START_IN_COLLISION: move.q[None]}
-        ends[MotionOutcome.GOALS_IN_COLLISION] = among_all(move.q, move.joints, move.goals[:1])
-        names = touching(move.query, ends[outcome]) if outcome in ends else None
-        return "" if names is None else f" ({self._touch.format(*names)})"
+    def _told(self, move: FreeMove, outcome: MotionOutcome) -> str:
+        """Say why there is no way: with the bodies in the way, or that what is carried would not be held there."""
+        if outcome not in NOT_HELD:
+            return outcome.value
+        within = np.all((move.goals >= move.arm.position_min) & (move.goals <= move.arm.position_max), axis=1)
+        at_goals = among_all(move.q, move.joints, move.goals[within])
+        ends = move.q[None] if outcome is MotionOutcome.START_IN_COLLISION else at_goals
+        for end in ends:
+            names = touching(move.query, end[None])
+            if names is not None:
+                return f"{outcome.value} ({self._touch.format(*names)})"
+        return NOT_HELD[outcome]
 
 
 def touching(query: CollisionQuery, Q: Array) -> tuple[str, str] | None:

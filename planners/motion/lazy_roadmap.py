@@ -89,7 +89,7 @@ def find_way(
     edges, lengths = edges[fits], lengths[fits]
     graph, places = _joined(edges, lengths, len(nodes))
     free = np.zeros(len(edges), dtype=bool)
-    for checked in range(settings.edges):
+    for checked in range(settings.edges + 1):
         way = _shortest(graph, len(goals))
         if not len(way):
             return Way(None, -1, checked)
@@ -97,6 +97,8 @@ def find_way(
         unsure = along[~free[along]]
         if not len(unsure):
             return Way(nodes[way], int(way[-1]) - 1, checked)
+        if checked == settings.edges:
+            break
         # Where it leaves and where it arrives there is least room.
         edge = unsure[0] if checked % 2 else unsure[-1]
         free[edge] = checker.edge_free(*nodes[edges[edge]])

@@ -44,7 +44,7 @@ def plan_motion(query: MotionQuery, settings: MotionSettings, rng: np.random.Gen
     near = order[: _near_count(costs[order], settings.near_share)]
     result = search.to_any(near)
     if result.path is None and near.size < order.size:
-        everywhere = search.to_any(order)
+        everywhere = search.to_any(order, asked=near.size)
         result = replace(everywhere, statistics=everywhere.statistics.including(result.statistics))
     return result
 
@@ -60,9 +60,9 @@ class _PathSearch:
     costs: NDArray[np.float64]
     """(k,) of going straight to each goal."""
 
-    def to_any(self, order: NDArray[np.int64]) -> MotionResult:
-        """Go to one of these goals (k,), straight if that is possible."""
-        attempts = order[: self.settings.straight_attempts]
+    def to_any(self, order: NDArray[np.int64], asked: int = 0) -> MotionResult:
+        """Go to one of these goals (k,), straight if that is possible; to the first `asked` it is known not to be."""
+        attempts = order[asked : self.settings.straight_attempts]
         for tried, index in enumerate(attempts, start=1):
             if self.query.edge_checker.edge_free(self.query.start, self.query.goals[index]):
                 path = np.stack([self.query.start, self.query.goals[index]])
@@ -139,7 +139,7 @@ def _check_shapes(query: MotionQuery) -> None:
 
 
 def _refuse_start(query: MotionQuery) -> MotionOutcome | None:
-    if np.any(query.start < query.position_min) or np.any(query.start > query.position_max):
+    if not np.all((query.start >= query.position_min) & (query.start <= query.position_max)):
         return MotionOutcome.START_OUT_OF_LIMITS
     if not query.edge_checker.state_free(query.start):
         return MotionOutcome.START_IN_COLLISION
@@ -152,10 +152,10 @@ def _goals_within_limits(
     """Indices of the goals within the joint limits, cheapest first, or why there are none."""
     if query.goals.shape[0] == 0:
         return np.empty(0, dtype=np.int64), MotionOutcome.NO_GOAL
-    within = np.all((query.goals >= query.position_min) & (query.goals <= query.position_max), axis=1)
-    if not within.any():
-        return np.empty(0, dtype=np.int64), MotionOutcome.GOALS_OUT_OF_LIMITS
-    return np.argsort(np.where(within, costs, np.inf), kind="stable")[: int(within.sum())], None
+    within = np.flatnonzero(np.all((query.goals >= query.position_min) & (query.goals <= query.position_max), axis=1))
+    if not within.size:
+        return within, MotionOutcome.GOALS_OUT_OF_LIMITS
+    return within[np.argsort(costs[within], kind="stable")], None
 
 
 def _free_goals(query: MotionQuery, order: NDArray[np.int64], max_goals: int) -> NDArray[np.int64]:

@@ -101,7 +101,6 @@ def grow_trees(problem: TreeProblem, *, step_max: float, max_iterations: int, se
     information.setStateValidityChecker(ob.AllValidStateValidityChecker(information))
     edges = _CheckedEdges(information, problem.checker, problem.metric)
     information.setMotionValidator(edges)
-    information.setup()
 
     definition = ob.ProblemDefinition(information)
     definition.addStartState(_state(information, problem.start * weights))
@@ -112,6 +111,8 @@ def grow_trees(problem: TreeProblem, *, step_max: float, max_iterations: int, se
 
     budget = _IterationBudget(max_iterations)
     with _ompl_seed_generator:
+        # It draws from the generator too.
+        information.setup()
         ou.RNG.setSeed(seed)
         planner = og.RRTConnect(information)
         planner.setRange(step_max)

@@ -154,9 +154,9 @@ class _PieceTiming:
         self.acceleration = limits.acceleration * settings.acceleration_scale
         self.s = path.grid(*ends)
         points = path.evaluate(self.s)
-        rates = self._rates(self.s)
+        rates, curvatures = self._limited(self.s)
         self.first = np.hstack([points.first, rates])
-        self.second = np.hstack([points.second, self._curvatures(self.s)])
+        self.second = np.hstack([points.second, curvatures])
         finite = np.isfinite(self.first).all(axis=1) & np.isfinite(self.second).all(axis=1)
         if not finite.all():
             raise TimingError(f"the path is not finite near s = {self.s[np.argmin(finite)]:.6g}")
@@ -207,10 +207,10 @@ class _PieceTiming:
         excess_a = (acceleration / self.acceleration).max(axis=1)
         excess_a = np.maximum(excess_a, self._unresolved(trajectory))
         if self.rate_limits:
-            rates = self._rates(trajectory.path_parameter)
-            rate_v = (rates * sampled.speed[:, None] / self.rate_velocity).max(axis=1)
-            curved = self._curvatures(trajectory.path_parameter) * sampled.speed[:, None] ** 2
-            rate_a = (np.abs(rates * sampled.rate[:, None] + curved) / self.rate_acceleration).max(axis=1)
+            rates, curvatures = self._limited(trajectory.path_parameter)
+            speed, rate = sampled.speed[:, None], sampled.rate[:, None]
+            rate_v = (np.abs(rates) * speed / self.rate_velocity).max(axis=1)
+            rate_a = (np.abs(rates * rate + curvatures * speed**2) / self.rate_acceleration).max(axis=1)
             excess_v = np.maximum(excess_v, _greater_end(rate_v))
             excess_a = np.maximum(excess_a, _greater_end(rate_a))
         return excess_v, excess_a
@@ -223,13 +223,11 @@ class _PieceTiming:
         settings = self.settings
         return outside / (settings.acceleration_mismatch + settings.acceleration_fraction * np.abs(mean).max())
 
-    def _rates(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """dx/ds (n, c) of the quantities of the c rate limits."""
-        return np.array([limit.rate(s) for limit in self.rate_limits]).reshape(-1, s.size).T
-
-    def _curvatures(self, s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What the square of the speed adds to them, (n, c)."""
-        return np.array([limit.curvature(s) for limit in self.rate_limits]).reshape(-1, s.size).T
+    def _limited(self, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """dx/ds (n, c) of the quantities of the c rate limits, and (n, c) what the square of the speed adds to them."""
+        found = [(limit.rate(s), limit.curvature(s)) for limit in self.rate_limits]
+        rates, curvatures = np.array(found).reshape(-1, 2, s.size).transpose(1, 2, 0)
+        return rates, curvatures
 
 
 class _Motion:
@@ -271,10 +269,12 @@ class _Motion:
 
     def slow_where(self, excess: NDArray[np.float64], time: NDArray[np.float64], factors: NDArray[np.float64]) -> None:
         """Divide the limits' factors by the excess at all grid points that the smoothed interval averages over."""
-        reduction = np.ones(factors.size)
-        for i in np.flatnonzero(excess > 1.0):
-            near = (self.times >= time[i] - self.piece.settings.smoothing_time) & (self.times <= time[i + 1])
-            reduction[near] = np.minimum(reduction[near], 1.0 / min(excess[i], REDUCTION_MAX))
+        reduction, exceeding = np.ones(factors.size), np.flatnonzero(excess > 1.0)
+        begins = np.searchsorted(self.times, time[exceeding] - self.piece.settings.smoothing_time, side="left")
+        ends = np.searchsorted(self.times, time[exceeding + 1], side="right")
+        for begin, end, factor in zip(begins, ends, 1.0 / np.minimum(excess[exceeding], REDUCTION_MAX), strict=True):
+            near = reduction[begin:end]
+            np.minimum(near, factor, out=near)
         factors *= reduction
 
 

@@ -46,8 +46,6 @@ class Trajectory:
 class HermiteExtremes:
     """What the interpolant of n samples reaches between them; arrays (n - 1, k)."""
 
-    position_min: NDArray[np.float64]
-    position_max: NDArray[np.float64]
     speed: NDArray[np.float64]
     """Greatest |dq/dt|."""
     acceleration: NDArray[np.float64]
@@ -118,7 +116,7 @@ def concatenate(parts: Sequence[Trajectory]) -> Trajectory:
 @njit(cache=True, nogil=True)
 def _hermite_extremes(time, positions, velocities):
     n, k = positions.shape
-    out = np.empty((5, n - 1, k))
+    out = np.empty((3, n - 1, k))
     for i in range(n - 1):
         h = time[i + 1] - time[i]
         for j in range(k):
@@ -127,26 +125,11 @@ def _hermite_extremes(time, positions, velocities):
             mean = (q1 - q0) / h
             a0 = (6.0 * mean - 4.0 * v0 - 2.0 * v1) / h
             a1 = (2.0 * v0 + 4.0 * v1 - 6.0 * mean) / h
-            low, high = min(q0, q1), max(q0, q1)
             speed = max(abs(v0), abs(v1))
-            jerk = (a1 - a0) / h
             if a0 * a1 < 0.0:
-                speed = max(speed, abs(v0 + 0.5 * a0 * (-a0 / jerk)))
-            for t in _roots(v0, a0, 0.5 * jerk):
-                if 0.0 < t < h:
-                    q = q0 + t * (v0 + t * (0.5 * a0 + t * jerk / 6.0))
-                    low, high = min(low, q), max(high, q)
-            out[0, i, j], out[1, i, j], out[2, i, j] = low, high, speed
-            out[3, i, j] = max(abs(a0), abs(a1))
-            out[4, i, j] = abs(mean - 0.5 * (v0 + v1))
-    return out[0], out[1], out[2], out[3], out[4]
-
-
-@njit(cache=True, nogil=True)
-def _roots(c, b, a):
-    """Real roots of a t² + b t + c, by the form that does not cancel; -1 where there is none."""
-    discriminant = b * b - 4.0 * a * c
-    if discriminant < 0.0:
-        return (-1.0, -1.0)
-    w = -0.5 * (b + np.copysign(np.sqrt(discriminant), b))
-    return (w / a if a != 0.0 else -1.0, c / w if w != 0.0 else -1.0)
+                # Where the acceleration, which goes evenly from a0 to a1, is 0.
+                speed = max(speed, abs(v0 + 0.5 * a0 * (a0 / (a0 - a1)) * h))
+            out[0, i, j] = speed
+            out[1, i, j] = max(abs(a0), abs(a1))
+            out[2, i, j] = abs(mean - 0.5 * (v0 + v1))
+    return out[0], out[1], out[2]

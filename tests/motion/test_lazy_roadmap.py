@@ -84,6 +84,16 @@ def test_no_more_edges_are_asked_than_allowed() -> None:
         assert len(boxes.edges_asked) == way.edges_checked <= few.edges
 
 
+def test_as_many_edges_as_a_way_took_are_enough_for_it() -> None:
+    for seed in range(10):
+        start, goals, postures, boxes = scattered(seed)
+        way = find_way(start, goals, Plane(postures), boxes, METRIC, PATIENT, np.random.default_rng(0))
+        enough = RoadmapSettings(PATIENT.neighbours, way.edges_checked)
+        again = find_way(start, goals, Plane(postures), boxes, METRIC, enough, np.random.default_rng(0))
+        assert again.edges_checked == way.edges_checked
+        assert (again.path is None) == (way.path is None)
+
+
 def test_a_query_that_trees_do_not_solve_is_solved_through_the_postures_of_its_source() -> None:
     wall = wall_with_gap(2, 0.02)
     few = MotionSettings(max_iterations=3)

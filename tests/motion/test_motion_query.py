@@ -153,6 +153,22 @@ def test_costs_that_are_given_stand_in_for_distances() -> None:
     assert plan_motion(query, MotionSettings(), np.random.default_rng(0)).goal_index == 1
 
 
+@pytest.mark.parametrize("cost", [np.inf, np.nan])
+def test_a_goal_that_costs_beyond_number_is_still_none_outside_the_limits(cost: float) -> None:
+    goals, limit = np.array([[9.0, 0.0], [0.5, 0.5]]), np.ones(2)
+    query = MotionQuery(np.zeros(2), goals, -limit, limit, no_boxes(2), goal_costs=np.array([1.0, cost]))
+    assert plan_motion(query, MotionSettings(), np.random.default_rng(0)).goal_index == 1
+
+
+def test_a_straight_line_is_asked_for_once_though_the_near_goals_are_among_all() -> None:
+    checker = wall_with_gap(2, gap=-1.0)
+    goals = np.array([[0.4, -1.2], [0.5, -1.3], [2.9, 2.9]])
+    query = across(checker, 2, goals)
+    plan_motion(query, replace(LONG_STEPS, near_share=1.5, max_iterations=1), np.random.default_rng(0))
+    straight = [tuple(end) for begin, end in checker.edges_asked if np.array_equal(begin, query.start)]
+    assert all(straight.count(tuple(goal)) == 1 for goal in goals[:2])
+
+
 def test_a_short_way_round_a_corner_is_preferred_to_a_straight_one_far_away_if_asked_for() -> None:
     """The near goal lies behind the wall's edge, the far one in the open on this side."""
     checker = wall_with_gap(2, gap=3.9)
@@ -226,6 +242,7 @@ def test_every_reason_to_refuse_is_told_apart() -> None:
         return plan_motion(query, MotionSettings(), np.random.default_rng(0)).outcome
 
     assert outcome([-4.0, 0.0], [[-1.0, 1.0]]) is MotionOutcome.START_OUT_OF_LIMITS
+    assert outcome([np.nan, 0.0], [[-1.0, 1.0]]) is MotionOutcome.START_OUT_OF_LIMITS
     assert outcome([0.1, 0.0], [[-1.0, 1.0]]) is MotionOutcome.START_IN_COLLISION
     assert outcome([-1.0, 0.0], []) is MotionOutcome.NO_GOAL
     assert outcome([-1.0, 0.0], [[-1.0, 4.0]]) is MotionOutcome.GOALS_OUT_OF_LIMITS

@@ -1,6 +1,8 @@
-"""How often a search that was exhausted is made once more."""
+"""Free motion of an arm: how often a search that was exhausted is made once more, and what is told of one in vain."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from motion.test_motion_query import no_boxes
 
 from planners.cell.cell import load_cell
 from planners.hands import arm_motion
-from planners.hands.arm_motion import PATIENCE, FreeMotion, FreeMove, Stuck
+from planners.hands.arm_motion import NOT_HELD, PATIENCE, FreeMotion, FreeMove, Stuck
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
 
 PERSISTENCE = 4
@@ -48,3 +50,37 @@ def test_after_some_searches_in_vain_none_is_made_once_more_and_one_that_finds_b
         with pytest.raises(Stuck):
             ask(free, 0.5)
     assert asked == [usual, patient] * (2 * PATIENCE) + [usual] * 3
+
+
+@dataclass(frozen=True)
+class TouchedAt:
+    """Something touches the post where joint 1 is at a place."""
+
+    place: float
+
+    def first_collision(self, Q: np.ndarray) -> np.ndarray:
+        return np.where(Q[:, 0] == self.place, 0, -1)
+
+    def pair_names(self, _pair: int) -> tuple[str, str]:
+        return "left_wrist", "post"
+
+
+@pytest.mark.parametrize(
+    ("outcome", "place", "told"),
+    [
+        (MotionOutcome.START_IN_COLLISION, 0.0, "The start is in collision. (left_wrist and post)"),
+        (MotionOutcome.START_IN_COLLISION, 0.7, NOT_HELD[MotionOutcome.START_IN_COLLISION]),
+        # The first goal is outside the limits: what touches there is in nobody's way.
+        (MotionOutcome.GOALS_IN_COLLISION, 0.5, f"{MotionOutcome.GOALS_IN_COLLISION.value} (left_wrist and post)"),
+        (MotionOutcome.GOALS_IN_COLLISION, 99.0, NOT_HELD[MotionOutcome.GOALS_IN_COLLISION]),
+    ],
+)
+def test_who_is_in_the_way_is_told_and_else_that_nothing_would_be_held(
+    outcome: MotionOutcome, place: float, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(arm_motion, "plan_motion", lambda *_: MotionResult(outcome))
+    goals, arm = np.array([[99.0] * 6, [0.5] * 6]), load_cell("dual_ur3e_lift").arms["left"]
+    move = FreeMove("hand", arm, slice(0, 6), np.zeros(12), goals, TouchedAt(place))  # type: ignore[arg-type]
+    with pytest.raises(Stuck) as stuck:
+        FreeMotion(SETTINGS, np.random.default_rng(0)).find(move, no_boxes(6))
+    assert stuck.value.rejection.reason == f"free motion of the hand: {told}"

@@ -89,6 +89,9 @@ def inertia_checks(evidence: Evidence) -> list[Check]:
             counted = _counted_between(shown, body, motion.segment.time[looked_at])
             load = InertialLoad.of(body, body.mass, motion)
             slack = evidence.settings.inertia_fraction * body.mass * gravity
+            rests = np.abs(motion.segment.velocities).max() <= evidence.settings.rest_velocity
+            too_short = f"{motion.samples} samples do not tell the inertia of {name}, which moves"
+            force.require(motion.samples > 2 or rests, motion.segment.place(0), too_short)
 
             def where(i: int, m: SegmentMotion = motion, first: int = looked_at.start, text: str = name) -> str:
                 return f"{m.segment.place(first + i)}: {text}"
@@ -125,7 +128,7 @@ def _momenta(poses: Array, tensor: Array) -> Array:
 
 
 def _rates(time: Array, steps: Array) -> Array:
-    """Return the rates of change of steps (n - 1, 3) over time at all samples, (n, 3); zero for two: at rest both."""
+    """Return the rates of change of steps (n - 1, 3) over time at all samples, (n, 3); zero for two: they rest."""
     if len(time) < 3:
         return np.zeros((len(time), 3))
     intervals = np.diff(time)[:, None]

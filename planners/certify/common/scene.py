@@ -12,6 +12,7 @@ from pydantic import BaseModel, JsonValue
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
+from planners.certify.geometry.cover import beyond_parts
 from planners.certify.motion.segment_motion import rotation_angles
 from planners.certify.motion.solids import gripper_of
 from planners.certify.plan_view import BodyView, MalformedDocument, shape_of
@@ -100,7 +101,7 @@ def cell_checks(evidence: Evidence) -> list[Check]:
 
 
 def task_bodies(evidence: Evidence, stated: Sequence[StatedBody], roles: Mapping[str, str]) -> Finding:
-    """Compare the bodies of the document with those of the task.
+    """Compare the bodies of the document with those of the task; meshes must be inside their convex parts.
 
     Args:
         evidence: of the document.
@@ -118,6 +119,7 @@ def task_bodies(evidence: Evidence, stated: Sequence[StatedBody], roles: Mapping
         finding.require(known, f"body {name}: role", f"{body.role!r} is not what the task makes of it")
         fixed = roles.get(name) not in _MOVABLE
         finding.require(body.static == fixed, f"body {name}: static", f"must be {fixed}")
+        _covered(body, finding, evidence.settings)
     return finding
 
 
@@ -135,6 +137,16 @@ def _compare_body(body: BodyView, stated: StatedBody, finding: Finding, settings
         differences["mass"] = abs((body.mass or 0.0) - stated.mass)
     for member, difference in differences.items():
         finding.note(settings.join - difference, f"body {stated.name}: {member}")
+
+
+def _covered(body: BodyView, finding: Finding, settings: CertifySettings) -> None:
+    """The convex parts of a mesh, by which collisions are judged, contain its surface."""
+    if body.shape.surface is None:
+        return
+    height, point = beyond_parts(body.shape, settings.contact_distance)
+    finding.note(
+        settings.contact_distance - height, f"body {body.name}: convex parts, at {np.round(point, 4).tolist()}"
+    )
 
 
 def compare_settled(body: BodyView, T_world_stated: Transform, finding: Finding, settings: CertifySettings) -> None:

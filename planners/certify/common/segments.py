@@ -16,7 +16,6 @@ from planners.certify.settings import CertifySettings
 from planners.plan.scenery import ARMS, JOINT_NAMES
 from planners.plan.verdicts import Check
 
-_JOINTS_REST = ("grip", "release", "attach", "detach")
 _EMPTY_MOTIONS = ("transit", "approach", "retreat")
 """Kinds whose way may have no length; then their mover rests."""
 _ROUNDING = 1e-9
@@ -76,10 +75,17 @@ def _time(plan: PlanView, settings: CertifySettings) -> Check:
 
 
 def _rest(plan: PlanView, settings: CertifySettings) -> Check:
+    """A plan begins and ends at rest; and joints rest that its segments, and their kinds, do not move."""
     finding = Finding("rest", "rad/s")
     for segment in plan.segments:
-        if segment.kind in _JOINTS_REST:
-            finding.note_joints(segment, settings.rest_velocity - np.abs(segment.velocities))
+        moves = [arm in segment.movers and segment.kind not in _STANDING for arm in ARMS]
+        resting = np.flatnonzero(~np.repeat(moves, 6))
+        finding.note_all(
+            settings.rest_velocity - np.abs(segment.velocities[:, resting]),
+            lambda i, j, s=segment, r=resting: f"{s.place(i)}: {JOINT_NAMES[r[j]]}",
+        )
+    for first in plan.segments[:1]:
+        finding.note_joints(first, settings.rest_velocity - np.abs(first.velocities[:1]))
     for last in plan.segments[-1:]:
         end = len(last.time) - 1
         finding.note_joints(last, settings.rest_velocity - np.abs(last.velocities[end:]), first=end)

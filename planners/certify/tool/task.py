@@ -13,7 +13,6 @@ from planners.certify.common.scene import StatedBody, compare_settled, stated_ob
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
 from planners.certify.geometry.body_shape import BodyShape
-from planners.certify.geometry.cover import beyond_parts
 from planners.certify.plan_view import BodyView, MalformedDocument, PlanView
 from planners.certify.settings import CertifySettings
 from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask
@@ -132,7 +131,7 @@ def _stated_tool(given: CustomTool | ToolDocument) -> StatedTool:
 
 
 def tool_bodies_check(evidence: Evidence, task: ToolTask) -> Check:
-    """Check tool, objects and obstacles against the task, and that meshes are inside their convex parts."""
+    """Check tool, objects and obstacles against the task."""
     objects, settings = [one.body for one in task.objects], evidence.settings
     roles = {TOOL: "tool"} | {body.name: "object" for body in objects}
     roles |= {body.name: "obstacle" for body in task.obstacles}
@@ -141,8 +140,6 @@ def tool_bodies_check(evidence: Evidence, task: ToolTask) -> Check:
         compare_settled(tool, task.T_world_tool, finding, settings)
     if task.tool is not None:
         _tool(tool, task.tool, finding, settings)
-    for body in evidence.plan.bodies.values():
-        _covered(body, finding, settings)
     return finding.check()
 
 
@@ -158,13 +155,3 @@ def _tool(body: BodyView, stated: StatedTool, finding: Finding, settings: Certif
     for shape, T in stated.shapes:
         for vertex in shape.vertices @ T[:3, :3].T + T[:3, 3]:
             finding.note(settings.tool_shape - abs(body.shape.surface_distance(vertex)[0]), "body tool: shape")
-
-
-def _covered(body: BodyView, finding: Finding, settings: CertifySettings) -> None:
-    """The convex parts of a mesh, by which collisions are judged, contain its surface."""
-    if body.shape.surface is None:
-        return
-    height, point = beyond_parts(body.shape, settings.contact_distance)
-    finding.note(
-        settings.contact_distance - height, f"body {body.name}: convex parts, at {np.round(point, 4).tolist()}"
-    )

@@ -189,8 +189,16 @@ def carried_rates(
         points: such as centres of mass [m].
         pace: the limits.
     """
+    last: tuple[Array, tuple[Transform, Transform, Array]] | None = None
 
     def ends(s: Array) -> tuple[Transform, Transform, Array]:
+        # Both limits are asked for the same places, one after the other.
+        nonlocal last
+        if last is None or last[0] is not s:
+            last = s, around(s)
+        return last[1]
+
+    def around(s: Array) -> tuple[Transform, Transform, Array]:
         low = np.maximum(s - _DIFFERENCE * path.length, 0.0)
         high = np.minimum(s + _DIFFERENCE * path.length, path.length)
         Q = path.evaluate(np.concatenate([low, high])).positions[:, columns]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from support.documents import certified
 from support.samples import among
 
@@ -86,6 +88,14 @@ def move_plate_aside(document: Document, sample: int, way: float) -> None:
         document["segments"][LIFT]["body_poses"][name][sample][1] += way
 
 
+def keep_samples(segment: Document, first: int, end: int) -> None:
+    """Leave only the samples of a segment from one to before another; its contacts stay as they are."""
+    for name in ("time", "positions", "velocities", "accelerations"):
+        segment[name] = segment[name][first:end]
+    for rows in (segment["gripper_width"], segment["body_poses"]):
+        rows.update({name: values[first:end] for name, values in rows.items()})
+
+
 def tremble(document: Document, segment: int, joint: int) -> float:
     """Let a resting joint swing between samples only: at every sample it is where it was, with velocities that agree.
 
@@ -125,7 +135,7 @@ def a_transfer_is_called_a_transit(document: Document) -> None:
     document["segments"][TILT]["kind"] = "transit"
 
 
-@lie("kinds", "segment 5 (handover): has no place in a plate lift")
+@lie("kinds rest", "segment 5 (handover): has no place in a plate lift")
 def a_transfer_is_called_a_handover(document: Document) -> None:
     document["segments"][LIFT]["kind"] = "handover"
 
@@ -134,6 +144,54 @@ def a_transfer_is_called_a_handover(document: Document) -> None:
 def the_fingers_close_in_a_release(document: Document) -> None:
     document["segments"][GRIP]["kind"] = "release"
     document["segments"][GRIP]["hold"] = None
+
+
+@lie("rest", "segment 0 (transit), sample 0 (t = 0.000 s): right_")
+def the_plan_starts_in_motion(document: Document) -> None:
+    transit, half = document["segments"][TRANSIT], len(document["segments"][TRANSIT]["time"]) // 2
+    keep_samples(transit, half, len(transit["time"]))
+    document["task"]["start_positions"], begin = transit["positions"][0], transit["time"][0]
+    for segment in document["segments"]:
+        segment["time"] = [time - begin for time in segment["time"]]
+
+
+@lie("rest", "segment 0 (transit), sample 1 (t = 0.020 s): left_")
+def an_arm_that_is_no_mover_swings_between_samples(document: Document) -> None:
+    inner = len(document["segments"][TRANSIT]["time"]) - 1
+    for k, row in enumerate(document["segments"][TRANSIT]["velocities"][1:inner], start=1):
+        row[0] = 1e-3 * (-1.0) ** k
+    for k, row in enumerate(document["segments"][TRANSIT]["accelerations"]):
+        row[0] = 0.1 * (-1.0) ** k
+
+
+@lie("inertia", "2 samples do not tell the inertia of plate")
+def a_lift_is_cut_where_its_inertia_is_not_to_be_seen(document: Document) -> None:
+    lift = document["segments"].pop()
+    samples = len(lift["time"])
+    for first, last in ((0, 2), (2, 3), (3, samples - 1)):
+        part = copy.deepcopy(lift)
+        keep_samples(part, first, last + 1)
+        # The plate has hardly moved: the same contacts bear it.
+        shown = [each for each in lift["contacts"] if each["sample"] == 0]
+        later = [each for each in lift["contacts"] if each["sample"] > first] if first == 3 else []
+        part["contacts"] = [
+            *({**each, "sample": 0} for each in shown),
+            *({**each, "sample": each["sample"] - first} for each in later),
+            *({**each, "sample": last - first} for each in shown if first < 3),
+        ]
+        document["segments"].append(part)
+
+
+@lie("task_bodies", "body post: convex parts")
+def a_mesh_is_larger_than_what_stands_for_it(document: Document) -> None:
+    document["task"]["obstacles"][0]["shape"] = {"type": "mesh", "asset": "rack", "upload": None, "scale": 1.0}
+    block, part = (trimesh.creation.box([size] * 3) for size in (0.5, 0.02))
+    document["bodies"]["post"]["shape"] = {
+        "type": "mesh",
+        "vertices": block.vertices.tolist(),
+        "faces": block.faces.tolist(),
+        "convex_parts": [part.vertices.tolist()],
+    }
 
 
 @lie("movers", "segment 0 (transit): left is a mover and rests")
@@ -216,7 +274,7 @@ def an_arm_moves_while_the_fingers_close(document: Document) -> None:
     document["segments"][GRIP]["velocities"][7][8] = 0.002
 
 
-@lie("movers", "right_")
+@lie("movers rest", "right_")
 def an_arm_moves_that_is_no_mover(document: Document) -> None:
     document["segments"][TRANSIT]["movers"] = []
 
