@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Annotated, Any, Self
 
+import numpy as np
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from planners.contract.quantities import PATTERN_WORDS, Mass
-from planners.contract.shapes import Box, Cylinder, Prism
-from planners.contract.task_spec import KINDS, UNION_TAGS, task_schema
+from planners.contract.shapes import Box, Cylinder, Mesh, Prism
+from planners.contract.task_spec import KINDS, UNION_TAGS, CustomTool, task_schema
 from planners.errors import AssetFault, LiftwrightError, SceneError
+from planners.geometry.pose import Array, from_pose7
 
 MAX_PROBLEMS = 100
 """More are counted, not listed."""
@@ -22,6 +25,9 @@ LONGEST_KEY = 200
 """An unknown member with a longer name is pointed at by its object."""
 DENSEST = 23e3
 """A little more than osmium's, the densest metal's [kg/m³]."""
+PAD_BEYOND = 5e-3
+"""By which a pad may reach beyond its tool's shapes: a lip is soft, and spreads [m]."""
+_TOOL: TypeAdapter[CustomTool] = TypeAdapter(CustomTool)
 _MASS: TypeAdapter[float] = TypeAdapter(Mass)
 _PLAIN_SHAPE: TypeAdapter[Box | Cylinder | Prism] = TypeAdapter(
     Annotated[Box | Cylinder | Prism, Field(discriminator="type")]
@@ -96,10 +102,10 @@ def _at_most(problems: list[Problem]) -> list[Problem]:
 def doubts_of(task: object) -> list[Problem]:
     """Return what a task, as JSON data, may be read in and was most probably not meant.
 
-    That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last; and a mass
-    with which a body is denser than any metal, as one in grams is.
+    That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last; a mass with
+    which a body is denser than any metal, as one in grams is; and a tool's pad that its shapes leave out.
     """
-    return [*_doubtful_turns(task), *_doubtful_masses(task, ())]
+    return [*_doubtful_turns(task), *_doubtful_masses(task, ()), *_doubtful_pad(task)]
 
 
 def _doubtful_turns(task: object) -> list[Problem]:
@@ -129,6 +135,42 @@ def _doubtful_masses(data: object, path: tuple[str | int, ...]) -> Iterator[Prob
     if density > DENSEST:
         detail = f"{mass:g} kg make it {1e-3 * density:.3g} kg a litre, and no metal has more than 23: is it in grams?"
         yield Problem(json_pointer((*path, "mass")), detail)
+
+
+def _doubtful_pad(task: object) -> Iterator[Problem]:
+    """Yield a doubt where the rim of a tool's pad reaches out over its shapes: only they are kept from touching."""
+    try:
+        tool = _TOOL.validate_python(task.get("tool") if isinstance(task, dict) else None)
+    except ValidationError:
+        return
+    shapes = [(part.shape, from_pose7(part.pose)) for part in tool.shapes if not isinstance(part.shape, Mesh)]
+    if len(shapes) < len(tool.shapes):
+        # How far a mesh reaches is not known before it is read.
+        return
+    angles = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
+    rim = tool.cup.radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
+    beyond = np.min([_beyond(shape, (rim - T[:3, 3]) @ T[:3, :3]) for shape, T in shapes], axis=0).max()
+    if beyond > PAD_BEYOND:
+        detail = (
+            f"the pad reaches {1e3 * beyond:.0f} mm beyond the tool's shapes, and they alone are kept from touching "
+            "anything: a cylinder of its radius at the origin is missing among them"
+        )
+        yield Problem("/tool/cup/radius", detail)
+
+
+def _beyond(shape: Box | Cylinder | Prism, points: Array) -> Array:
+    """Return how far points (n, 3) in a shape's frame are outside at least (n,) [m]."""
+    x, y, z = points.T
+    if isinstance(shape, Box):
+        return np.linalg.norm(np.maximum(np.abs(points) - 0.5 * np.array(shape.size), 0.0), axis=1)
+    if isinstance(shape, Cylinder):
+        across = np.hypot(x, y) - shape.radius
+    else:
+        corners = np.array(shape.outline)
+        edges = np.roll(corners, -1, axis=0) - corners
+        outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+        across = (np.column_stack([x, y]) @ outward.T - np.sum(corners * outward, axis=1)).max(axis=1)
+    return np.hypot(np.maximum(across, 0.0), np.maximum(np.abs(z) - 0.5 * shape.height, 0.0))
 
 
 def _poses(data: object, path: tuple[str | int, ...]) -> Iterator[tuple[tuple[str | int, ...], list[object]]]:

@@ -325,6 +325,41 @@ def test_a_mass_or_a_shape_that_is_none_is_a_problem_and_no_doubt(mass):
     assert doubts_of({"plate": {"shape": {**box, "size": [mass] * 3}, "mass": 850.0}}) == []
 
 
+DISC = {"type": "cylinder", "radius": 0.03, "height": 0.01}
+OUTLINE = [[-0.03, -0.03], [0.05, -0.03], [0.05, 0.03], [-0.03, 0.03]]
+
+
+@pytest.mark.parametrize(
+    ("shape", "reaches"),
+    [
+        (DISC, 0.03),
+        ({"type": "box", "size": [0.06, 0.08, 0.01]}, 0.03),
+        ({"type": "prism", "outline": OUTLINE, "height": 0.01}, 0.03),
+    ],
+    ids=lambda part: part["type"] if isinstance(part, dict) else "",
+)  # fmt: skip
+@pytest.mark.parametrize(
+    "pose",
+    [[0, 0, 0.005, *NO_TURN], [0, 0, 0.005, 0, 1, 0, 0], [0, 0, -0.005, *HALF_TURN]],
+    ids=["up", "down", "turned"],
+)
+def test_a_pad_that_its_tools_shapes_leave_out_is_doubted(shape, reaches, pose):
+    shaft = {"shape": {"type": "box", "size": [0.01, 0.01, 0.2]}, "pose": [0, 0, 0.1, *NO_TURN]}
+    for radius, doubted in ((reaches, False), (reaches + 0.004, False), (reaches + 0.006, True)):
+        cup = {"radius": radius, "max_force": 20.0}
+        tool = {"shapes": [shaft, {"shape": shape, "pose": pose}], "mass": 0.2, "cup": cup}
+        doubts = doubts_of({"kind": "suction_tool", "tool": tool})
+        assert [doubt.pointer for doubt in doubts] == ["/tool/cup/radius"] * doubted
+        assert all("reaches 6 mm beyond" in doubt.detail for doubt in doubts)
+
+
+def test_how_far_a_tool_of_meshes_reaches_and_a_tool_by_name_are_not_doubted():
+    part = {"shape": {"type": "mesh", "upload": "0" * 64}, "pose": [0, 0, 0, *NO_TURN]}
+    tool = {"shapes": [part], "mass": 0.2, "cup": {"radius": 0.5, "max_force": 20.0}}
+    assert doubts_of({"kind": "suction_tool", "tool": tool}) == []
+    assert doubts_of({"kind": "suction_tool", "tool": "long_symmetric"}) == []
+
+
 @pytest.mark.parametrize("body", [None, [], "pose", {"pose": HALF_TURN}, {"pose": {"pose": "x"}}])
 def test_what_is_no_task_is_not_doubted(body):
     assert doubts_of(body) == []
