@@ -143,19 +143,22 @@ def _doubtful_pad(task: object) -> Iterator[Problem]:
         tool = _TOOL.validate_python(task.get("tool") if isinstance(task, dict) else None)
     except ValidationError:
         return
-    shapes = [(part.shape, from_pose7(part.pose)) for part in tool.shapes if not isinstance(part.shape, Mesh)]
-    if len(shapes) < len(tool.shapes):
-        # How far a mesh reaches is not known before it is read.
-        return
-    angles = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
-    rim = tool.cup.radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
-    beyond = np.min([_beyond(shape, (rim - T[:3, 3]) @ T[:3, :3]) for shape, T in shapes], axis=0).max()
-    if beyond > PAD_BEYOND:
+    if (beyond := pad_beyond(tool)) > PAD_BEYOND:
         detail = (
             f"the pad reaches {1e3 * beyond:.0f} mm beyond the tool's shapes, and they alone are kept from touching "
             "anything: a cylinder of its radius at the origin is missing among them"
         )
         yield Problem("/tool/cup/radius", detail)
+
+
+def pad_beyond(tool: CustomTool) -> float:
+    """Return how far the rim of a tool's pad reaches beyond its shapes [m]; 0 where that takes reading a mesh."""
+    shapes = [(part.shape, from_pose7(part.pose)) for part in tool.shapes if not isinstance(part.shape, Mesh)]
+    if len(shapes) < len(tool.shapes):
+        return 0.0
+    angles = np.linspace(0.0, 2.0 * math.pi, 32, endpoint=False)
+    rim = tool.cup.radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
+    return float(np.min([_beyond(shape, (rim - T[:3, 3]) @ T[:3, :3]) for shape, T in shapes], axis=0).max())
 
 
 def _beyond(shape: Box | Cylinder | Prism, points: Array) -> Array:
@@ -255,7 +258,8 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
     if kind in ("union_tag_invalid", "literal_error"):
         return "is none of the valid choices"
     if kind in ("less_than_equal", "greater_than_equal") and _is_length(path):
-        message = f"{message} metres" + (": is it in millimetres?" if kind == "less_than_equal" else "")
+        is_far = kind == "less_than_equal" or context.get("ge", 0.0) < 0.0
+        message = f"{message} metres" + (": is it in millimetres?" if is_far else "")
     elif kind in ("less_than_equal", "greater_than_equal") and _is_of_a_pose(path):
         message = f"{message}: {_A_POSE}"
     elif kind in ("less_than_equal", "greater_than_equal") and path and path[-1] == "mass":

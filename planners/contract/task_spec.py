@@ -281,7 +281,7 @@ class SuctionToolFriction(StrictModel):
 class SuctionToolOptions(PlanningOptions):
     """How a suction-tool task is planned."""
 
-    simulate: bool = True
+    simulate: Annotated[bool, Field(strict=True)] = True
     """Whether the plan is executed in physics."""
 
 

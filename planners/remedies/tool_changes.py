@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from planners.cell.asset_shelf import described_tool
-from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask, ToolCup
+from planners.contract.problems import pad_beyond
+from planners.contract.shapes import Cylinder
+from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask, ToolCup, ToolPart
 from planners.geometry.pose import Array
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Cause
@@ -57,6 +59,8 @@ _FIRST = 2
 """Changes of a kind that are tried together with those of another."""
 _STRONGER = (1.5, 2.0, 3.0)
 """How many times the cup's force [1]."""
+_PAD_HEIGHT = 0.01
+"""Of a pad that is put before a tool whose shapes are narrower [m]."""
 _OTHER_CUPS = (0.8, 0.6, 1.25)
 """How many times the cup's radius [1]."""
 CUP_REASONS = (
@@ -439,5 +443,14 @@ def _other_cup(
     # As it is not told in a task that was read whether it says kappa itself.
     is_default = math.isclose(ToolCup.model_validate(cup).kappa, tool.cup.kappa, rel_tol=1e-6)
     own = {} if is_default else {"kappa": tool.cup.kappa}
-    described = {**tool.model_dump(mode="json"), "cup": {**cup, **own, **members}}
+    parts, other = tool.shapes, ToolCup.model_validate({**cup, **own, **members})
+    if pad_beyond(tool.model_copy(update={"cup": other})) > pad_beyond(tool):
+        # Its rim must not touch anything either.
+        pad = Cylinder(type="cylinder", radius=other.radius, height=_PAD_HEIGHT)
+        parts = (*parts, ToolPart(shape=pad, pose=(0.0, 0.0, 0.5 * _PAD_HEIGHT, 1.0, 0.0, 0.0, 0.0)))
+    described = {
+        **tool.model_dump(mode="json"),
+        "shapes": [part.model_dump(mode="json") for part in parts],
+        "cup": {**cup, **own, **members},
+    }
     return TaskChange(kind, sentence, (put("/tool", described),), way, size)

@@ -28,6 +28,8 @@ GRAIN = 1e-4
 """Moves that would part bodies are told in multiples of it [m]."""
 MOST_MEASURED = 8
 """Of so many overlaps at once it is told how deep they are and what parts them: with many parts it takes long [1]."""
+MOST_LEFT = 4
+"""So often a move is made longer that would end in something else."""
 _ARMS = "/start_positions"
 _CUP = "/cup/position"
 _AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1)}
@@ -37,12 +39,22 @@ _AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "
 class BodiesOverlap(SceneError):
     """Two bodies touch or overlap; every member of the task that places one of them is pointed at."""
 
-    def __init__(self, a: PlacedBody, b: PlacedBody, when: str, *, measured: bool = True) -> None:
-        """`measured`: whether to tell how deep they are in one another, and the move that parts them."""
+    def __init__(
+        self, a: PlacedBody, b: PlacedBody, when: str, around: Sequence[PlacedBody] = (), *, measured: bool = True
+    ) -> None:
+        """Tell how deep they are in one another, and a move that parts them and ends in nothing of what is around.
+
+        Args:
+            a: one of them.
+            b: the other one.
+            when: ends the sentence.
+            around: what else there is.
+            measured: False: tell none of this, as it takes long.
+        """
         pointer, *others = _pointers(a, b)
         met, apart = "touch or overlap", ""
         if measured:
-            deep, apart = depth(a, b), _apart(a, b)
+            deep, apart = depth(a, b), _apart(a, b, around)
             met = f"overlap by {1e3 * deep:.4g} mm" if deep > _ROUNDING else "touch"
         super().__init__(pointer, f"{a.name} and {b.name} {met} {when}{apart}", others=others)
 
@@ -50,10 +62,19 @@ class BodiesOverlap(SceneError):
 class BodyInCell(SceneError):
     """A body reaches into a part of the cell; the member of the task that places the body is pointed at."""
 
-    def __init__(self, body: PlacedBody, part: PlacedBody, depth: float, when: str, *, measured: bool = True) -> None:
-        """`measured`: whether to tell the move that parts them."""
+    def __init__(
+        self,
+        body: PlacedBody,
+        part: PlacedBody,
+        depth: float,
+        when: str,
+        around: Sequence[PlacedBody] = (),
+        *,
+        measured: bool = True,
+    ) -> None:
+        """Take the body, the part, how deep it is in it [m], and the rest as for `BodiesOverlap`."""
         detail = f"{body.name} is {1e3 * depth:.4g} mm deep in {part.name} {when}, more than {1e3 * TOUCHING:g} mm"
-        super().__init__(body.pointer or "", f"{detail}{_apart(body, part) if measured else ''}")
+        super().__init__(body.pointer or "", f"{detail}{_apart(body, part, around) if measured else ''}")
 
 
 def _pointers(a: PlacedBody, b: PlacedBody) -> tuple[str, ...]:
@@ -61,25 +82,54 @@ def _pointers(a: PlacedBody, b: PlacedBody) -> tuple[str, ...]:
     return tuple(dict.fromkeys(body.pointer for body in (a, b) if body.pointer is not None))
 
 
-def _apart(a: PlacedBody, b: PlacedBody) -> str:
-    """Say the shortest move along an axis of the world that parts two bodies; nothing where no task can move either."""
-    ways = [(one, other, way) for one, other in ((a, b), (b, a)) if (way := _way_out(one, other)) is not None]
+def _apart(a: PlacedBody, b: PlacedBody, around: Sequence[PlacedBody]) -> str:
+    """Say a short move along an axis of the world that parts two bodies; nothing where none is known.
+
+    It ends in nothing of what is around.
+    """
+    ways = [way for one, other in ((a, b), (b, a)) if (way := _way_out(one, other, around)) is not None]
     if not ways:
         return ""
     # The first one named moves, unless the other would have less far to go: up, as it lies above.
-    moving, still, (axis, far) = min(ways, key=lambda way: way[2][1])
-    return f"; moved {1e3 * far:.1f} mm towards the world's {axis}, {moving.name} is clear of {still.name}"
+    way = min(ways, key=lambda way: way.far)
+    *most, last = way.clear_of
+    names = f"{', '.join(most)} and {last}" if most else last
+    return f"; moved {1e3 * way.far:.1f} mm towards the world's {way.axis}, {way.moves} is clear of {names}"
 
 
-def _way_out(body: PlacedBody, other: PlacedBody) -> tuple[str, float] | None:
+@dataclass(frozen=True)
+class _WayOut:
+    moves: str
+    axis: str
+    far: float
+    """[m]"""
+    clear_of: tuple[str, ...]
+
+
+def _way_out(body: PlacedBody, other: PlacedBody, around: Sequence[PlacedBody]) -> _WayOut | None:
+    """Return the shortest move out of one body, and out of those in which it would end else."""
     # An arm has many links: what is clear of one may well be in the next.
     if body.pointer is None or _ARMS in (body.pointer, other.pointer):
         return None
     # A cup is moved on its plate only.
     axes = [axis for axis in _AXES if axis != "+z" or body.pointer != _CUP]
     directions = np.array([_AXES[axis] for axis in axes], dtype=float)
-    found = overlap.shortest_way_out(body.shapes, other.shapes, directions, GRAIN)
-    return None if found is None else (axes[found[0]], found[1])
+    left = [other]
+    for _ in range(MOST_LEFT):
+        shapes = [shape for each in left for shape in each.shapes]
+        found = overlap.shortest_way_out(body.shapes, shapes, directions, GRAIN)
+        if found is None:
+            return None
+        there = _moved(body, found[1] * directions[found[0]])
+        met = [
+            each
+            for _, each in _near([there], around, 0.0)
+            if each.name != body.name and each not in left and depth(there, each) > TOUCHING
+        ]
+        if not met:
+            return _WayOut(body.name, axes[found[0]], found[1], tuple(dict.fromkeys(each.name for each in left)))
+        left += met
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +209,12 @@ def _cell_at_start(cell: Cell, positions: tuple[float, ...], widths: tuple[tuple
 
 def raised(body: PlacedBody, height: float) -> PlacedBody:
     """Return a body moved straight up by `height` [m]."""
-    up = np.array([0.0, 0.0, height])
-    shapes = tuple(ConvexShape(shape.vertices + up, shape.radius) for shape in body.shapes)
-    return PlacedBody(body.name, body.pointer, shapes, body.lowest + up, body.highest + up)
+    return _moved(body, np.array([0.0, 0.0, height]))
+
+
+def _moved(body: PlacedBody, by: Array) -> PlacedBody:
+    shapes = tuple(ConvexShape(shape.vertices + by, shape.radius) for shape in body.shapes)
+    return PlacedBody(body.name, body.pointer, shapes, body.lowest + by, body.highest + by)
 
 
 def refuse_overlaps(
@@ -185,7 +238,8 @@ def refuse_overlaps(
     for a, b in _overlaps(group, others, allowed):
         # An arm that is in a box is so with many links: it takes long to measure them all, and one of them is told.
         if not faults.tells_of(*_pointers(a, b)):
-            faults.add(BodiesOverlap(a, b, when, measured=len(faults) < MOST_MEASURED))
+            measured = len(faults) < MOST_MEASURED
+            faults.add(BodiesOverlap(a, b, when, [*group, *others], measured=measured))
     faults.raise_any()
 
 
@@ -226,9 +280,12 @@ def refuse_inside(
     """
     faults = SceneFaults()
     for body, part in _near(bodies, cell, 0.0):
+        if faults.tells_of(body.pointer):
+            continue
         allowed = TOUCHING + excess.get(body.name, 0.0) + excess.get(part.name, 0.0) + _ROUNDING
         if _box_depth(body, part) > allowed and (deep := depth(body, part)) > allowed:
-            faults.add(BodyInCell(body, part, deep, when, measured=len(faults) < MOST_MEASURED))
+            measured = len(faults) < MOST_MEASURED
+            faults.add(BodyInCell(body, part, deep, when, [*bodies, *cell], measured=measured))
     faults.raise_any()
 
 

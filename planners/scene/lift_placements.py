@@ -34,6 +34,7 @@ from planners.scene.rest import (
     gaps,
     lowest_face,
     overhang,
+    reaches,
     rests_level,
     scalar_last_hint,
     settled,
@@ -124,8 +125,7 @@ def _check_footprint(corners: Array, surface: LevelFace) -> None:
         raise SceneError("/support/shape", "the support is smaller than the plate: its whole bottom face must rest")
     detail = f"the plate's bottom face sticks out {1e3 * beyond:.4g} mm over the edge of the {surface.name}"
     if surface.name == "table":
-        (x_low, y_low), (x_high, y_high) = surface.outline.min(axis=0), surface.outline.max(axis=0)
-        detail += f", which reaches from x = {x_low:.4g} to {x_high:.4g} and from y = {y_low:.4g} to {y_high:.4g}"
+        detail += f", which {reaches(surface)}"
     raise SceneError("/plate_pose", detail)
 
 

@@ -136,6 +136,10 @@ class Footing:
     by: tuple[str, ...]
     """The body below each point."""
 
+    def inside(self, com: Array) -> float:
+        """Return how far inside the hull of what carries the body its centre of mass, (3,) in its frame, is [m]."""
+        return -beyond(self.points, (self.T_world_body[:3, :3] @ com + self.T_world_body[:3, 3])[:2])
+
 
 @dataclass(frozen=True)
 class Unsupported:
@@ -169,6 +173,7 @@ def find_footing(
         com: (3,) in the body frame [m].
         places: level places that may carry it.
     """
+    places = list(places)
     face = lowest_face(solid, T_world_body)
     tilt = face_tilt(face, T_world_body)
     seen_from_above = footprint(face, T_world_body)
@@ -176,7 +181,7 @@ def find_footing(
     if tilt > REST_TILT:
         return Unsupported(_why_tilted(solid, tilt) + _advice(solid, T_world_body, com, below))
     if not below:
-        return Unsupported("rests on nothing: nothing level is below it")
+        return Unsupported(f"rests on nothing: nothing level is below it{_table_told(places)}")
     fitting = [place for place in below if rests_level(face, T_world_body, place.height)]
     if not fitting:
         nearest = _nearest(face, T_world_body, below)
@@ -192,6 +197,16 @@ def find_footing(
         return Unsupported(f"would tip over: its centre of mass is {1e3 * outside:.4g} mm beyond what carries it")
     by = tuple(place.name for place, corners in points.items() for _ in corners)
     return Footing(T_settled, tuple(sorted(set(by))), np.vstack(list(points.values())), by)
+
+
+def _table_told(places: Iterable[LevelFace]) -> str:
+    return next((f"; the table {reaches(place)}" for place in places if place.name == "table"), "")
+
+
+def reaches(place: LevelFace) -> str:
+    """Say from where to where a level place reaches in the world."""
+    (x_low, y_low), (x_high, y_high) = place.outline.min(axis=0), place.outline.max(axis=0)
+    return f"reaches from x = {x_low:.4g} to {x_high:.4g} and from y = {y_low:.4g} to {y_high:.4g}"
 
 
 def _shares(outline: Array, other: Array) -> bool:

@@ -36,6 +36,8 @@ from planners.scene.suction_tool import SuctionTool, check_tool, find_tool
 
 RAISE = 1e-4
 """So far above what carries it, beyond what their drawings exceed them by, a body must be clear of it [m]."""
+GOAL_OFF = 1e-3
+"""So far off its goal may an object end, as certificates allow [m]."""
 SAME_GOAL = 1e-4
 """A turned goal that settling moves by more does not rest [m or rad]."""
 
@@ -119,6 +121,9 @@ def place_objects(
     goals = _settle_all(bodies, [from_pose7(one.goal_pose) for one in given], still, _refuse_goal, faults)
     if starts is None or goals is None:
         return None
+    for i, (body, goal) in enumerate(zip(bodies, goals, strict=True)):
+        if _changes(body, starts[i], goal) and (inside := goal.inside(body.com)) < GOAL_OFF:
+            faults.add(_refuse_goal(i, body.name, _nearly_tips(inside)))
     faults.tried(lambda: _refuse_fall(bodies, starts, "pose", "at the start"))
     faults.tried(lambda: _refuse_fall(bodies, goals, "goal_pose", "at their goals"))
     at_goals = [
@@ -275,6 +280,8 @@ class _GoalPile:
         footing = find_footing(body.solid, T_world_body, body.com, under)
         if isinstance(footing, Unsupported) or float(np.abs(footing.T_world_body - T_world_body).max()) > SAME_GOAL:
             return False
+        if footing.inside(body.com) < min(GOAL_OFF, self.footings[index].inside(body.com)):
+            return False
         goals = {one.name: (one, at.T_world_body) for one, at in zip(self.bodies, self.footings, strict=True)}
         return self.standing.fall(goals | {body.name: (body, T_world_body)}) is None
 
@@ -298,6 +305,20 @@ class _GoalPile:
             if i != index
             for place in level_places(body.name, body.solid, footing.T_world_body)
         ]
+
+
+def _changes(body: Body, start: Footing, goal: Footing) -> bool:
+    """Tell whether any corner of a body is elsewhere at its goal."""
+    corners, _ = body.solid.surface()
+    moved = goal.T_world_body - start.T_world_body
+    return float(np.abs(corners @ moved[:3, :3].T + moved[:3, 3]).max()) > SAME_GOAL
+
+
+def _nearly_tips(inside: float) -> str:
+    return (
+        f"would be about to tip over: its centre of mass is {1e3 * max(inside, 0.0):.2g} mm inside the edge of what "
+        f"carries it, and an object may end {1e3 * GOAL_OFF:g} mm off its goal"
+    )
 
 
 def _changes_nothing(body: Body, turn: Transform) -> bool:

@@ -13,8 +13,9 @@ import pytest
 
 from planners import read_task
 from planners.cell.cell import ShippedCells
+from planners.contract.problems import pad_beyond
 from planners.contract.task_change import changed
-from planners.contract.task_spec import SuctionToolTask, ToolCup, write_task
+from planners.contract.task_spec import CustomTool, SuctionToolTask, ToolCup, write_task
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Cause, Certificate
@@ -220,6 +221,20 @@ def test_another_cup_is_as_stiff_as_is_stated_or_as_its_force_makes_it(kappa: fl
     assert len(cups) > 2
     for cup in cups:
         assert cup.kappa == pytest.approx(kappa or 0.5 * np.sqrt(2.0) * cup.max_force / np.pi)
+
+
+@pytest.mark.parametrize("name", ["long_symmetric", "carton_lifter"])
+def test_the_rim_of_a_larger_cup_is_among_the_shapes_that_must_touch_nothing(name: str, too_heavy: Plan) -> None:
+    tool = tool_descriptions()[name].model_dump(mode="json")
+    failed = saying(too_heavy, "No flat place of the object is as large as the pad.")
+    radii = []
+    for change in changes_of(failed, tool=tool, tool_pose=[0.5, -0.6, 1.094, 1, 0, 0, 0]):
+        if change.kind == "cup_radius":
+            (step,) = change.patch
+            other = CustomTool.model_validate(step.value)
+            radii.append(other.cup.radius)
+            assert pad_beyond(other) < 1e-9
+    assert max(radii) > tool["cup"]["radius"] > min(radii)
 
 
 def read_cup(change: TaskChange) -> ToolCup:

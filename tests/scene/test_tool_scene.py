@@ -10,12 +10,14 @@ import pytest
 from scipy.spatial import KDTree
 
 from planners.cell.cell import load_cells
+from planners.certify.settings import CertifySettings
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.planning import stated_bodies
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import known_tools, load_tool
+from planners.scene.tool_placements import GOAL_OFF
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 NAMES = ("domino_pile", "can_stack", "tissue_pile", "tissue_pile_short_tool", "lid_under_roof", "lid_too_heavy")
@@ -103,6 +105,51 @@ def test_what_is_above_or_below_the_table_is_advised_onto_it(height, build):
         build(body)
     body["objects"][0]["pose"] = json.loads(re.search(r"rest at (\[.*?\])", caught.value.detail).group(1))
     assert build(body).objects[0].start_supports == ("table",)
+
+
+@pytest.mark.parametrize(("inside", "is_refused"), [(-0.0001, True), (0.0, True), (0.0009, True), (0.0011, False)])
+def test_nothing_is_brought_to_where_a_millimetre_off_it_would_tip_over(inside, is_refused, build):
+    """The table ends at x = 0.85 m. What stands at such a place and stays there is not asked to move."""
+    assert CertifySettings().goal_distance == GOAL_OFF
+    edge = [0.85 - inside, 0.3, TABLE_TOP + 0.025, 1, 0, 0, 0]
+    moved = box("chip", [0.06, 0.04, 0.05], [0.5, 0.3, *edge[2:]], edge)
+    if is_refused:
+        with pytest.raises(SceneError, match="tip over: its centre of mass is") as caught:
+            build(task("domino_pile", objects=[moved]))
+        assert caught.value.pointer == "/objects/0/goal_pose"
+    else:
+        build(task("domino_pile", objects=[moved]))
+    if inside >= 0.0:
+        build(task("domino_pile", objects=[{**moved, "pose": edge}]))
+
+
+def test_a_move_that_is_told_ends_in_nothing_else(build):
+    """Posts in and about the tool's rest: moved as told, none is deep in anything of the cell any more."""
+    rng, told = np.random.default_rng(0), 0
+    for _ in range(30):
+        radius, (x, y) = rng.uniform(0.01, 0.04), rng.uniform([0.16, -0.08], [0.3, 0.08])
+        shape = {"type": "cylinder", "radius": radius, "height": 0.3}
+        post = {"name": "post", "shape": shape, "pose": [x, y, TABLE_TOP + 0.15, 1, 0, 0, 0]}
+        faults = faults_of(build, task("domino_pile", obstacles=[post]))
+        moves = [MOVED.search(fault) for fault in faults if "deep in tool_rest" in fault]
+        for far, sign, axis in (move.groups() for move in moves if move is not None):
+            told += 1
+            place = np.array(post["pose"])
+            place["xyz".index(axis)] += float(f"{sign}{far}") * 1e-3
+            left = faults_of(build, task("domino_pile", obstacles=[{**post, "pose": place.tolist()}]))
+            assert not [fault for fault in left if "post is" in fault and "deep in" in fault]
+    assert told > 5
+
+
+MOVED = re.compile(r"moved ([0-9.]+) mm towards the world's ([+-])([xyz]), post is clear of")
+
+
+def faults_of(build, body):
+    try:
+        build(body)
+    except SceneError as refused:
+        return [fault.detail for fault in refused.all]
+    return []
 
 
 def test_an_object_a_little_off_what_carries_it_is_settled_onto_it(build):

@@ -36,12 +36,15 @@ def not_taken(
         )
         cause = Rejection(STAGE, f"{reason[0].upper()}{reason[1:]}.", _WHERE, margin, room, "m")
         return f"The tool cannot be gripped where it is: {reason}.", (cause,)
+    told = "Neither hand can take the tool where it is"
+    if start.layer is None:
+        return f"{told}.", ()
     tally = Rejections()
-    for reason, mask in ({} if start.layer is None else start.layer.rejected()).items():
+    for reason, mask in start.layer.rejected().items():
         tally.add(Rejection(STAGE, f"Where the tool is: {reason}", _WHERE), int(mask.sum()))
-    causes = tuple(cause for cause, _ in tally.most_common())
-    told = f": {causes[0].reason.removeprefix('Where the tool is: ')}" if causes else "."
-    return f"Neither hand can take the tool where it is{told}", causes
+    hindrance = start.layer.hindrance().removesuffix(".")
+    causes = [cause for cause, _ in tally.most_common() if hindrance not in cause.reason]
+    return f"{told}: {hindrance}.", (Rejection(STAGE, f"Where the tool is: {hindrance}.", _WHERE), *causes)
 
 
 def _over_table(scene: SuctionToolScene, grasps: ToolGrasps, arm: str) -> float:
