@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from planners.contract.problems import NotValid, problems_of
 from planners.contract.quantities import Counted, Length, Name, Pose
 from planners.contract.strict_model import StrictModel
-from planners.contract.task_spec import TOOL_CELL, ToolName
+from planners.contract.task_spec import TOOL_CELL
 
 IDENTITY = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 Focal = Annotated[float, Field(strict=True, ge=10.0, le=1e5, allow_inf_nan=False)]
@@ -98,10 +98,10 @@ class ScanSpec(StrictModel):
     """The part `scan`: what the other parts of the form are. At least one of them is given."""
 
     cell: Name = TOOL_CELL
-    tool: ToolName | None = "long_symmetric"
-    """Which tool is looked for; None: none."""
+    tool: Name | None = "long_symmetric"
+    """Which tool is looked for, a shipped one or one that the cell brings; None: none."""
     markers: MarkersSpec | None = None
-    """On the tool; None: its own, if it is shipped with some."""
+    """On the tool; None: its own, if its file states some."""
     colour: ColourSpec | None = None
     depth: DepthSpec | None = None
     cloud: CloudSpec | None = None

@@ -44,7 +44,7 @@ from planners.perception.scan_files import (
     read_npy,
 )
 from planners.perception.seen_points import SeenPoints
-from planners.scene.suction_tool import load_tool
+from planners.scene.suction_tool import find_tool, tools_in
 
 PARTS = ("colour", "depth", "cloud")
 """Files that a scan can have."""
@@ -77,13 +77,15 @@ def perceive(
 
     Raises:
         ScanRefused: A file cannot be read or shows no table, or files and description do not fit together.
-        SceneError: The tool has no markers.
+        SceneError: There is no such tool in the cell, or it has no markers.
     """
     _check_parts(scan, files)
+    if scan.tool is not None and scan.tool not in (known := tools_in(cell)):
+        raise SceneError("/tool", f"there is no tool {scan.tool} in the cell {cell.name}", known)
     settings = settings or PerceptionSettings()
     notes: list[str] = []
     picture = read_colour(files["colour"]) if "colour" in files else None
-    tool = None if picture is None else _find_tool(scan, picture, notes)
+    tool = None if picture is None else _find_tool(scan, cell, picture, notes)
     place = _known_place(scan, cell, None if tool is None else tool[1])
     try:
         view = _view(scan, files)
@@ -153,13 +155,16 @@ def _depth(content: bytes, unit: float) -> Array:
     return unit * numbers.astype(float)
 
 
-def _find_tool(scan: ScanSpec, picture: NDArray[np.uint8], notes: list[str]) -> tuple[SeenBoard, Transform] | None:
+def _find_tool(
+    scan: ScanSpec, cell: Cell, picture: NDArray[np.uint8], notes: list[str]
+) -> tuple[SeenBoard, Transform] | None:
     assert scan.colour is not None
     if scan.tool is None:
         return None
-    markers = scan.markers or shipped_tool(scan.tool).markers
+    file = cell.tools[scan.tool].file if scan.tool in cell.tools else shipped_tool(scan.tool)
+    markers = scan.markers or file.markers
     if markers is None:
-        raise SceneError("/markers", f"the tool {scan.tool} is shipped without markers; say which it has")
+        raise SceneError("/markers", f"no markers are stated in the file of the tool {scan.tool}; say which it has")
     board = MarkerBoard(markers.dictionary, markers.ids, markers.columns, markers.marker, markers.gap)
     seen = find_board(picture, _camera(scan.colour.intrinsics, scan.colour.pose), board)
     if isinstance(seen, BoardNotSeen):
@@ -176,7 +181,8 @@ def _known_place(scan: ScanSpec, cell: Cell, T_world_tool: Transform | None) -> 
     if T_world_tool is None and cell.tool_rest is not None:
         T_world_tool = cell.tool_rest.T_world_tool
     if scan.tool is not None and T_world_tool is not None:
-        bodies += [part.placed(T_world_tool) for part in load_tool(scan.tool).body.solid.convex_parts]
+        solid = find_tool(scan.tool, cell).body.solid
+        bodies += [part.placed(T_world_tool) for part in solid.convex_parts]
     return KnownPlace(cell.table_top, workspace, bodies)
 
 

@@ -88,14 +88,17 @@ def tools_in(cell: Cell) -> list[str]:
 
 
 def find_tool(
-    tool: str | CustomTool, cell: Cell, shapes: ShapeSource, loaded: Mapping[str, SuctionTool] = NO_TOOLS
+    tool: str | CustomTool,
+    cell: Cell,
+    shapes: ShapeSource | None = None,
+    loaded: Mapping[str, SuctionTool] = NO_TOOLS,
 ) -> SuctionTool:
     """Return the tool that a task in a cell names or describes, at the world's origin; the cell's own come first.
 
     Args:
         tool: name or description.
         cell: in which the task is.
-        shapes: where meshes of a description come from.
+        shapes: where meshes of a description come from; None: the shipped ones alone.
         loaded: shipped tools that were loaded before; others are read from their files.
 
     Raises:

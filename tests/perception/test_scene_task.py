@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from planners.cell.asset_shelf import shipped_tool
 from planners.cell.cell import Cell, load_cell
+from planners.cell.cell_tool import CellTool, CellToolPart
 from planners.contract.scan_spec import read_scan
 from planners.contract.scene_document import SceneDocument
-from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.contract.task_spec import SuctionToolTask, ToolPart, read_task
 from planners.errors import SceneError
 from planners.geometry.pose import from_pose7
 from planners.perception.perceive import PerceivedScene, perceive
@@ -71,6 +74,38 @@ def test_the_shipped_scan_shows_three_tissue_boxes_and_the_tool_in_its_rest(scen
     assert cell.tool_rest is not None
     assert np.linalg.norm(np.subtract(scene.tool.markers_at[:2], cell.tool_rest.T_world_tool[:2, 3])) < 0.004
     assert scene.unrecognised == ()
+
+
+def with_tool(cell: Cell, name: str, **members: Any) -> Cell:
+    """Return the cell with a tool of its own that is the long one by another name."""
+    file = shipped_tool("long_symmetric").model_copy(update={"name": name, **members})
+    parts = [CellToolPart(part.shape, np.array(part.pose)) for part in file.tool.shapes if isinstance(part, ToolPart)]
+    return replace(cell, tools={name: CellTool(file, tuple(parts))})
+
+
+def test_a_tool_that_a_cell_brings_is_found_by_the_markers_that_its_file_states(
+    perceived: PerceivedScene, cell: Cell
+) -> None:
+    scan, own = shipped(), with_tool(cell, "handle")
+    found = perceive(read_scan({**scan.description, "tool": "handle"}), scan.files, own).document
+    assert found.tool is not None
+    assert perceived.document.tool is not None
+    assert found.tool == perceived.document.tool.model_copy(update={"name": "handle"})
+    assert found.objects == perceived.document.objects
+    body = {**task(found.objects[0].name), "cell": "dual_ur3e_tool"}
+    assert fill_from_scene(body, found, own)["tool"] == "handle"
+
+
+def test_a_tool_without_markers_and_one_that_the_cell_does_not_have_are_pointed_at(cell: Cell) -> None:
+    scan, own = shipped(), with_tool(cell, "handle", markers=None)
+    with pytest.raises(SceneError, match="no markers are stated in the file of the tool handle") as caught:
+        perceive(read_scan({**scan.description, "tool": "handle"}), scan.files, own)
+    assert caught.value.pointer == "/markers"
+    with pytest.raises(SceneError, match="there is no tool hook") as caught:
+        perceive(read_scan({**scan.description, "tool": "hook"}), scan.files, own)
+    assert caught.value.pointer == "/tool"
+    assert caught.value.allowed is not None
+    assert {"handle", "long_symmetric"} <= set(caught.value.allowed)
 
 
 def test_the_same_scan_gives_the_same_scene(perceived: PerceivedScene, cell: Cell) -> None:

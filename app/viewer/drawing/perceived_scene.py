@@ -12,7 +12,7 @@ from planners.contract.scene_document import ObjectPart, SceneDocument, SeenTool
 from planners.contract.shapes import InlineMesh
 from planners.geometry.pose import Array, from_pose7
 from planners.perception.seen_points import NOBODY, SeenPoints
-from planners.scene.suction_tool import load_tool
+from planners.scene.suction_tool import find_tool
 
 LAYERS = ("points", "around", "models", "names", "tool", "robot")
 """What can be shown or hidden; all of it is shown at first."""
@@ -110,7 +110,7 @@ class SceneDrawing:
 
     def _add_tool(self, tool: SeenToolPart) -> SceneNodeHandle:
         name = f"{self._root}/tool"
-        drawn = draw_body(self._scene, name, "tool", load_tool(tool.name).body.shape, tool.pose)
+        drawn = draw_body(self._scene, name, "tool", find_tool(tool.name, self._stage.cell).body.shape, tool.pose)
         add_frame(self._scene, f"{name}/frame", np.eye(4), axes_length=self._size * AXES_LENGTH)
         T_tool_world = np.linalg.inv(from_pose7(tool.pose))
         above = np.add(tool.markers_at, (0.0, 0.0, self._size * NAME_GAP))
