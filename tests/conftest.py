@@ -16,6 +16,7 @@ from workers.solver.warm_up import forget_stale_kernels
 LONG_FIRST = (
     "robot/test_execution_in_physics",
     "robot/test_stops_in_physics",
+    "acceptance/test_tasks_over_http",
     "robot/test_",
     "benchmarks/test_report",
     "soak/",

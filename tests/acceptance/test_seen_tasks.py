@@ -18,7 +18,7 @@ REACHED = 1e-3
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with running_service(warmed(tmp_path_factory.mktemp("data")), None) as service:
+    with running_service(warmed(tmp_path_factory.mktemp("data")), None, solver_niceness=0) as service:
         yield service
 
 

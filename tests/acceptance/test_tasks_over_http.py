@@ -42,7 +42,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def service(data_dir: Path) -> Iterator[ServiceProcess]:
     """Run the service as it is installed."""
-    with running_service(data_dir, None) as service:
+    with running_service(data_dir, None, solver_niceness=0) as service:
         yield service
 
 
@@ -57,7 +57,7 @@ def sharing(shelf: PlanShelf, tmp_path_factory: pytest.TempPathFactory) -> Itera
     """Talk to a service whose plans other tests look at too."""
     folder = tmp_path_factory.mktemp("sharing")
     (folder / "drawings").symlink_to(shelf.drawings)
-    with running_service(folder, shelf.solver) as service, service.client() as client:
+    with running_service(folder, shelf.solver, solver_niceness=0) as service, service.client() as client:
         yield client
 
 
