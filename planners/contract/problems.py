@@ -246,6 +246,8 @@ _POSES = frozenset({"plate_pose", "pose", "goal_pose", "tool_pose"})
 """Members whose first three numbers are."""
 
 
+_PLATE_TYPE = ["plate", "shape", "type"]
+_OTHER_PLATES = ": of any other plate give the convex outline as a prism, and the centre of mass as com"
 _A_POSE = "a pose is [x, y, z, qw, qx, qy, qz]"
 
 
@@ -256,7 +258,7 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
     if kind in _SENTENCES:
         return _SENTENCES[kind]
     if kind in ("union_tag_invalid", "literal_error"):
-        return "is none of the valid choices"
+        return f"is none of the valid choices{_OTHER_PLATES if [*path] == _PLATE_TYPE else ''}"
     if kind in ("less_than_equal", "greater_than_equal") and _is_length(path):
         is_far = kind == "less_than_equal" or context.get("ge", 0.0) < 0.0
         message = f"{message} metres" + (": is it in millimetres?" if is_far else "")

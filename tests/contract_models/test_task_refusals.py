@@ -80,6 +80,13 @@ def test_an_unknown_member_comes_with_those_that_are_known_there(place):
         assert f"{place}/{name}" not in refused_as_unknown(changed({f"{place}/{name}": None}))
 
 
+def test_a_plate_of_another_shape_is_told_how_it_may_be_described():
+    mesh = {"type": "mesh", "upload": "0" * 64}
+    (problem,) = problems(changed({"/plate/shape": mesh}))
+    assert (problem.pointer, problem.allowed) == ("/plate/shape/type", ["box", "prism"])
+    assert "the convex outline as a prism" in problem.detail
+
+
 STUDY = {"task": {}, "axes": [{"pointer": "/cup/position/0", "values": [0.0]}], "points": None}
 SHIPPED_FILES = {
     CellFile: ROOT / "assets/cells/dual_ur3e_lift.yaml",
