@@ -283,7 +283,7 @@ function mine() {
 
 /** A choice of the languages in which robots are told a plan, each a file. */
 function programChoice(base) {
-  const choice = element("select", { title: "A program for the robots" }, element("option", { value: "", textContent: "Program …" }), ...PROGRAMS.map(([target, words]) => element("option", { value: target, textContent: words })));
+  const choice = element("select", { title: "A program for the robots" }, element("option", { value: "", textContent: "Program" }), ...PROGRAMS.map(([target, words]) => element("option", { value: target, textContent: words })));
   choice.setAttribute("aria-label", "A program for the robots");
   choice.onchange = async () => {
     const target = choice.value;
