@@ -50,7 +50,7 @@ def newest_first(query: sa.Select[Any], table: sa.Table, most: int, before: Posi
     return query.where(sa.tuple_(table.c.created_us, table.c.id) < sa.tuple_(*map(sa.literal, before)))
 
 
-def created_before(table: sa.Table, time_us: int, after: Position, most: int) -> sa.Select[Any]:
+def created_before(table: sa.Table, time_us: int, after: Position, most: int) -> sa.Select[Any, Any]:
     """Return a query of places of at most `most` rows of a table made before a time, oldest first, behind `after`."""
     key = table.c.created_us, table.c.id
     older = sa.select(*key).where(table.c.created_us < time_us, sa.tuple_(*key) > sa.tuple_(*map(sa.literal, after)))
