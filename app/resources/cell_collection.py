@@ -10,7 +10,8 @@ from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import CellIsShipped, CellNotFound
 from app.task_intake import VersionedCells
 from planners.cell.bundle import CellBundle
-from planners.cell.cell import Cell
+from planners.cell.cell import Cell, load_cell
+from planners.contract.task_spec import DEFAULT_CELLS
 from planners.survey.cell_limits import CellLimits
 from planners.survey.faults import doubts_about, load_checked, surveyed
 from planners.survey.survey import CellSurvey
@@ -24,6 +25,12 @@ def look_at(cell: Cell) -> CellSurvey:
     survey = CellSurvey.of(cell)
     survey.figures()
     return survey
+
+
+def prepare() -> None:
+    """Load what looking at any cell takes, so that processes forked from this one need not."""
+    for name in DEFAULT_CELLS.values():
+        look_at(load_cell(name))
 
 
 def examined(bundle: CellBundle, folder: Path, shipped: Collection[str]) -> CellFindings:

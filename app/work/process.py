@@ -1,8 +1,9 @@
 """The other side of a workbench: one process that has read the modules it was asked for, and forks for each work.
 
 A fork costs milliseconds, where reading modules takes seconds, and must not be one of the service itself, whose other
-threads may hold what they would never give back in it. It ends with its work; the kernel ends it before (SIGIO) when
-nobody waits for that any more, whatever it is doing.
+threads may hold what they would never give back in it. What every work of a module would have to do first besides, such
+as loading kernels, its function `prepare` does, if it has one, once the first work is under way. A fork ends with its
+work; the kernel ends it before (SIGIO) when nobody waits for that any more, whatever it is doing.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ def main(control: int, memory_bytes: int) -> None:
     _end_with(sys.stdin.fileno())
     # What libraries print is none of ours to answer.
     os.dup2(2, 1)
+    prepared = set[str]()
     # Nobody waits for forks, which end by themselves.
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     with socket.socket(fileno=control) as works:
@@ -58,6 +60,15 @@ def main(control: int, memory_bytes: int) -> None:
                 _work(job, wanted, memory_bytes)
             for descriptor in descriptors:
                 os.close(descriptor)
+            if module.decode() not in prepared:
+                prepared.add(module.decode())
+                # What is wrong here, each work finds out for itself.
+                with suppress(Exception), loading():
+                    getattr(import_module(module.decode()), "prepare", _nothing)()
+
+
+def _nothing() -> None:
+    """Stand for what a module leaves out."""
 
 
 def _work(job: int, wanted: int, memory_bytes: int) -> None:

@@ -58,3 +58,17 @@ def record_for_ever(_packed: bytes, _cell: Any, drawings: Path) -> str:
 def perceive_for_ever(scan: ScanSpec, *_: Any) -> None:
     """Stand in for what perceives; tell the process in the file that the scan names."""
     work_on(Path(scan.external_id or ""))
+
+
+PREPARED = list[int]()
+"""Processes that have prepared this module, and those that they were forked from."""
+
+
+def prepare() -> None:
+    """Note who has prepared it."""
+    PREPARED.append(os.getpid())
+
+
+def preparers() -> tuple[list[int], int]:
+    """Return who has prepared it, and who has forked this process."""
+    return PREPARED, os.getppid()

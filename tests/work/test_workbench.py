@@ -74,6 +74,13 @@ def test_another_process_costs_less_than_reading_its_modules_again(bench: Workbe
     assert time.perf_counter() - begun < 10 * 0.2
 
 
+def test_what_a_module_prepares_is_prepared_once_for_all_works_after_the_first(bench: Workbench) -> None:
+    assert done(bench, works.preparers)[0] == []
+    for _ in range(3):
+        prepared, forker = done(bench, works.preparers)
+        assert prepared == [forker]
+
+
 def test_what_is_large_comes_and_goes_whole_also_of_several_at_once(bench: Workbench) -> None:
     sent = [os.urandom(LARGE), b"", b"few"]
     with ThreadPoolExecutor(3) as pool:
