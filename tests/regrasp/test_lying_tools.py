@@ -131,5 +131,6 @@ def test_a_tool_out_of_reach_is_told_as_such(tool, which, handovers):
     scene = scene_of(OBJECT, tool=NAMES[which], tool_pose=lying(tool, 0, 0.7, -0.7, 1.6))
     plan = planned(scene, handovers)
     assert plan.outcome is PlanningOutcome.NOT_FOUND
-    assert "does not reach" in plan.summary
+    assert "neither arm reaches" in plan.summary
+    assert "does not reach" in plan.causes[0].reason
     assert all(cause.where == "/tool_pose" for cause in plan.causes)

@@ -37,6 +37,15 @@ def test_what_a_hand_would_touch_is_named_though_most_grasps_are_out_of_reach(sh
 
 
 @pytest.mark.slow
+def test_what_keeps_hands_off_the_tool_is_named_before_arms_that_do_not_reach(shelf: PlanShelf) -> None:
+    wall = {"name": "wall", "shape": {"type": "box", "size": [0.3, 0.02, 0.25]}, "pose": [0.4, 0, 1.219, 1, 0, 0, 0]}
+    task = read_task({"kind": "suction_tool", "objects": [PART], "obstacles": [wall]})
+    found = plan(task, build_scene(task), silent, time.perf_counter, shelf.handovers, persistent=False)
+    assert "wall would touch" in found.explanation.summary
+    assert "wall would touch" in found.explanation.causes[0].reason
+
+
+@pytest.mark.slow
 def test_an_arm_that_does_not_reach_is_named(shelf: PlanShelf) -> None:
     told = reasons(shelf, [0.75, -0.6, 1.109, 1, 0, 0, 0], [])
     assert all("arm reaches all" in reason or "arm does not reach" in reason for reason in told)

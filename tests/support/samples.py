@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import pytest
 
 T = TypeVar("T")
-MOST_CASES = 4
+MOST_CASES = 2
 """Of one law in a quick run."""
 
 

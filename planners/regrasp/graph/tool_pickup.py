@@ -7,6 +7,7 @@ import numpy as np
 from planners.cell.hand import Gripper
 from planners.graph.rejections import Rejection, Rejections
 from planners.regrasp.graph.suction_route import RouteStart
+from planners.regrasp.grasps.grasp_reach import TOUCHING
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.scene.tool_scene import SuctionToolScene
 
@@ -39,12 +40,14 @@ def not_taken(
     told = "Neither hand can take the tool where it is"
     if start.layer is None:
         return f"{told}.", ()
-    tally = Rejections()
-    for reason, mask in start.layer.rejected().items():
+    tally, rejected = Rejections(), start.layer.rejected()
+    for reason, mask in rejected.items():
         tally.add(Rejection(STAGE, f"Where the tool is: {reason}", _WHERE), int(mask.sum()))
-    hindrance = start.layer.hindrance().removesuffix(".")
-    causes = [cause for cause, _ in tally.most_common() if hindrance not in cause.reason]
-    return f"{told}: {hindrance}.", (Rejection(STAGE, f"Where the tool is: {hindrance}.", _WHERE), *causes)
+    causes, hindrance = [cause for cause, _ in tally.most_common()], start.layer.hindrance().removesuffix(".")
+    if not TOUCHING.isdisjoint(rejected):
+        # By the names of what touches, which no count by reason has.
+        causes = [Rejection(STAGE, f"Where the tool is: {hindrance}.", _WHERE), *causes]
+    return f"{told}: {hindrance}.", tuple(causes)
 
 
 def _over_table(scene: SuctionToolScene, grasps: ToolGrasps, arm: str) -> float:
