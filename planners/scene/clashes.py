@@ -28,10 +28,13 @@ GRAIN = 1e-4
 """Moves that would part bodies are told in multiples of it [m]."""
 MOST_MEASURED = 8
 """Of so many overlaps at once it is told how deep they are and what parts them: with many parts it takes long [1]."""
-MOST_LEFT = 4
-"""So often a move is made longer that would end in something else."""
+MOST_LEFT = 6
+"""Out of so many bodies a move may lead that would end in others else; out of more none is told."""
+MOST_SOUGHT = 2
+"""Of so many overlaps at once moves are told that end in nothing else; it takes longer still."""
 _ARMS = "/start_positions"
 _CUP = "/cup/position"
+_OBSTACLES = "/obstacles/"
 _AXES = {"+x": (1, 0, 0), "-x": (-1, 0, 0), "+y": (0, 1, 0), "-y": (0, -1, 0), "+z": (0, 0, 1)}
 """Directions in which a body may be told to move: never down, where something carries it."""
 
@@ -115,7 +118,7 @@ def _way_out(body: PlacedBody, other: PlacedBody, around: Sequence[PlacedBody]) 
     axes = [axis for axis in _AXES if axis != "+z" or body.pointer != _CUP]
     directions = np.array([_AXES[axis] for axis in axes], dtype=float)
     left = [other]
-    for _ in range(MOST_LEFT):
+    while len(left) <= MOST_LEFT:
         shapes = [shape for each in left for shape in each.shapes]
         found = overlap.shortest_way_out(body.shapes, shapes, directions, GRAIN)
         if found is None:
@@ -124,12 +127,18 @@ def _way_out(body: PlacedBody, other: PlacedBody, around: Sequence[PlacedBody]) 
         met = [
             each
             for _, each in _near([there], around, 0.0)
-            if each.name != body.name and each not in left and depth(there, each) > TOUCHING
+            if each not in left and _may_not_meet(body, each) and depth(there, each) > TOUCHING
         ]
         if not met:
             return _WayOut(body.name, axes[found[0]], found[1], tuple(dict.fromkeys(each.name for each in left)))
         left += met
     return None
+
+
+def _may_not_meet(body: PlacedBody, other: PlacedBody) -> bool:
+    """Tell whether two bodies must not be in one another: obstacles may, as they never move."""
+    are_obstacles = all((each.pointer or "").startswith(_OBSTACLES) for each in (body, other))
+    return body.name != other.name and not are_obstacles
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,8 +247,8 @@ def refuse_overlaps(
     for a, b in _overlaps(group, others, allowed):
         # An arm that is in a box is so with many links: it takes long to measure them all, and one of them is told.
         if not faults.tells_of(*_pointers(a, b)):
-            measured = len(faults) < MOST_MEASURED
-            faults.add(BodiesOverlap(a, b, when, [*group, *others], measured=measured))
+            around = [*group, *others] if len(faults) < MOST_SOUGHT else []
+            faults.add(BodiesOverlap(a, b, when, around, measured=len(faults) < MOST_MEASURED))
     faults.raise_any()
 
 
@@ -284,8 +293,8 @@ def refuse_inside(
             continue
         allowed = TOUCHING + excess.get(body.name, 0.0) + excess.get(part.name, 0.0) + _ROUNDING
         if _box_depth(body, part) > allowed and (deep := depth(body, part)) > allowed:
-            measured = len(faults) < MOST_MEASURED
-            faults.add(BodyInCell(body, part, deep, when, [*bodies, *cell], measured=measured))
+            around = [*bodies, *cell] if len(faults) < MOST_SOUGHT else []
+            faults.add(BodyInCell(body, part, deep, when, around, measured=len(faults) < MOST_MEASURED))
     faults.raise_any()
 
 
