@@ -42,17 +42,18 @@ def main(control: int, memory_bytes: int) -> None:
     _end_with(sys.stdin.fileno())
     # What libraries print is none of ours to answer.
     os.dup2(2, 1)
-    prepared = set[str]()
     # Nobody waits for forks, which end by themselves.
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    prepared = set[str]()
     with socket.socket(fileno=control) as works:
         while True:
             module, descriptors, _, _ = socket.recv_fds(works, LONGEST_NAME, 2)
             if not module:
                 return
+            name = module.decode()
             # What is wrong with it is told by the fork, which tries again.
             with suppress(Exception), loading():
-                import_module(module.decode())
+                import_module(name)
             require_one_thread()
             if os.fork() == 0:
                 works.close()
@@ -60,15 +61,13 @@ def main(control: int, memory_bytes: int) -> None:
                 _work(job, wanted, memory_bytes)
             for descriptor in descriptors:
                 os.close(descriptor)
-            if module.decode() not in prepared:
-                prepared.add(module.decode())
+            if name not in prepared:
+                prepared.add(name)
                 # What is wrong here, each work finds out for itself.
                 with suppress(Exception), loading():
-                    getattr(import_module(module.decode()), "prepare", _nothing)()
-
-
-def _nothing() -> None:
-    """Stand for what a module leaves out."""
+                    prepare = getattr(import_module(name), "prepare", None)
+                    if prepare is not None:
+                        prepare()
 
 
 def _work(job: int, wanted: int, memory_bytes: int) -> None:

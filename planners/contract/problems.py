@@ -169,10 +169,11 @@ def _beyond(shape: Box | Cylinder | Prism, points: Array) -> Array:
     if isinstance(shape, Cylinder):
         across = np.hypot(x, y) - shape.radius
     else:
+        # As `polygon.depth_inside`, whose module loads a compiler: a refused task does not wait for that.
         corners = np.array(shape.outline)
         edges = np.roll(corners, -1, axis=0) - corners
         outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-        across = (np.column_stack([x, y]) @ outward.T - np.sum(corners * outward, axis=1)).max(axis=1)
+        across = (points[:, :2] @ outward.T - np.sum(corners * outward, axis=1)).max(axis=1)
     return np.hypot(np.maximum(across, 0.0), np.maximum(np.abs(z) - 0.5 * shape.height, 0.0))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.cell.asset_shelf import shipped_tool
+from planners.cell.asset_files import ToolFile
 from planners.cell.cell import Cell
 from planners.contract.scan_spec import Intrinsics, ScanSpec
 from planners.contract.scene_document import (
@@ -44,7 +44,7 @@ from planners.perception.scan_files import (
     read_npy,
 )
 from planners.perception.seen_points import SeenPoints
-from planners.scene.suction_tool import find_tool, tools_in
+from planners.scene.suction_tool import find_tool, tool_file
 
 PARTS = ("colour", "depth", "cloud")
 """Files that a scan can have."""
@@ -80,12 +80,11 @@ def perceive(
         SceneError: There is no such tool in the cell, or it has no markers.
     """
     _check_parts(scan, files)
-    if scan.tool is not None and scan.tool not in (known := tools_in(cell)):
-        raise SceneError("/tool", f"there is no tool {scan.tool} in the cell {cell.name}", known)
+    file = None if scan.tool is None else tool_file(scan.tool, cell)
     settings = settings or PerceptionSettings()
     notes: list[str] = []
     picture = read_colour(files["colour"]) if "colour" in files else None
-    tool = None if picture is None else _find_tool(scan, cell, picture, notes)
+    tool = None if picture is None or file is None else _find_tool(scan, file, picture, notes)
     place = _known_place(scan, cell, None if tool is None else tool[1])
     try:
         view = _view(scan, files)
@@ -156,12 +155,9 @@ def _depth(content: bytes, unit: float) -> Array:
 
 
 def _find_tool(
-    scan: ScanSpec, cell: Cell, picture: NDArray[np.uint8], notes: list[str]
+    scan: ScanSpec, file: ToolFile, picture: NDArray[np.uint8], notes: list[str]
 ) -> tuple[SeenBoard, Transform] | None:
     assert scan.colour is not None
-    if scan.tool is None:
-        return None
-    file = cell.tools[scan.tool].file if scan.tool in cell.tools else shipped_tool(scan.tool)
     markers = scan.markers or file.markers
     if markers is None:
         raise SceneError("/markers", f"no markers are stated in the file of the tool {scan.tool}; say which it has")

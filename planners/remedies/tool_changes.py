@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from planners.cell.asset_shelf import described_tool
 from planners.contract.problems import pad_beyond
 from planners.contract.shapes import Cylinder
 from planners.contract.task_spec import CustomTool, ObjectToMove, SuctionToolTask, ToolCup, ToolPart
@@ -42,7 +41,7 @@ from planners.remedies.directions import (
     way_to_best,
 )
 from planners.scene.standing import listed
-from planners.scene.suction_tool import tools_in
+from planners.scene.suction_tool import tool_file, tools_in
 from planners.scene.tool_scene import SuctionToolScene
 
 _WAYS = (0.05, 0.10, 0.20)
@@ -364,8 +363,7 @@ class ToolChanges:
         tool = self.task.tool
         if isinstance(tool, CustomTool):
             return tool
-        own = self._cell.tools.get(tool)
-        return described_tool(tool) if own is None else own.file.tool.as_task()
+        return tool_file(tool, self._cell).tool.as_task()
 
     def _cup_force(self) -> Iterator[TaskChange]:
         tool = self._description()

@@ -15,6 +15,7 @@ from planners.geometry.convex import CollisionBody, ConvexShape, sorted_pair
 from planners.geometry.pose import Array, Transform
 from planners.kinematics.forward import link_frames
 from planners.scene.body import Body
+from planners.scene.standing import listed
 
 _ROUNDING = 1e-9
 AT_START = "at the start"
@@ -95,9 +96,8 @@ def _apart(a: PlacedBody, b: PlacedBody, around: Sequence[PlacedBody]) -> str:
         return ""
     # The first one named moves, unless the other would have less far to go: up, as it lies above.
     way = min(ways, key=lambda way: way.far)
-    *most, last = way.clear_of
-    names = f"{', '.join(most)} and {last}" if most else last
-    return f"; moved {1e3 * way.far:.1f} mm towards the world's {way.axis}, {way.moves} is clear of {names}"
+    told = f"; moved {1e3 * way.far:.1f} mm towards the world's {way.axis}"
+    return f"{told}, {way.moves} is clear of {listed(way.clear_of)}"
 
 
 @dataclass(frozen=True)

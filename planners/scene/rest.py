@@ -191,12 +191,12 @@ def find_footing(
     T_settled = settled(face, T_world_body, height)
     touching = [place for place in fitting if height - place.height <= SAME_HEIGHT]
     points = {place: _touching_points(solid, face, T_settled, place) for place in touching}
-    center = (T_settled[:3, :3] @ com + T_settled[:3, 3])[:2]
-    outside = beyond(np.vstack(list(points.values())), center)
+    by = tuple(place.name for place, corners in points.items() for _ in corners)
+    footing = Footing(T_settled, tuple(sorted(set(by))), np.vstack(list(points.values())), by)
+    outside = -footing.inside(com)
     if outside > TIP_SLACK:
         return Unsupported(f"would tip over: its centre of mass is {1e3 * outside:.4g} mm beyond what carries it")
-    by = tuple(place.name for place, corners in points.items() for _ in corners)
-    return Footing(T_settled, tuple(sorted(set(by))), np.vstack(list(points.values())), by)
+    return footing
 
 
 def _table_told(places: Iterable[LevelFace]) -> str:

@@ -8,7 +8,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from planners.cell.asset_shelf import described_tool, shipped_shelf
+from planners.cell.asset_files import ToolFile
+from planners.cell.asset_shelf import described_tool, shipped_shelf, shipped_tool
 from planners.cell.cell import Cell
 from planners.cell.cell_tool import CellTool
 from planners.contract.shapes import InlineMesh
@@ -87,6 +88,19 @@ def tools_in(cell: Cell) -> list[str]:
     return sorted({*known_tools(), *cell.tools})
 
 
+def tool_file(name: str, cell: Cell) -> ToolFile:
+    """Return the file of the tool that a task or a scan in a cell names; the cell's own come first.
+
+    Raises:
+        SceneError: There is no tool of this name.
+    """
+    if name in cell.tools:
+        return cell.tools[name].file
+    if name not in known_tools():
+        raise SceneError("/tool", f"there is no tool {name} in the cell {cell.name}", tools_in(cell))
+    return shipped_tool(name)
+
+
 def find_tool(
     tool: str | CustomTool,
     cell: Cell,
@@ -108,8 +122,8 @@ def find_tool(
         return tool_of_cell(cell.tools[tool])
     if isinstance(tool, str) and tool in loaded:
         return loaded[tool]
-    if isinstance(tool, str) and tool not in known_tools():
-        raise SceneError("/tool", f"there is no tool {tool} in the cell {cell.name}", tools_in(cell))
+    if isinstance(tool, str):
+        tool_file(tool, cell)
     return load_tool(tool, shapes)
 
 

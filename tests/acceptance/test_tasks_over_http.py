@@ -41,7 +41,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def service(data_dir: Path) -> Iterator[ServiceProcess]:
-    """Run the service as it is installed."""
+    """Run the service as it is installed, but that its solvers wait for no other test."""
     with running_service(data_dir, None, solver_niceness=0) as service:
         yield service
 
