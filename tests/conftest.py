@@ -8,9 +8,9 @@ import os
 from collections.abc import Iterator
 
 import pytest
-from support import samples
-from support.plan_shelf import PlanShelf
 
+from tests.support import samples
+from tests.support.plan_shelf import PlanShelf
 from workers.solver.warm_up import forget_stale_kernels
 
 LONG_FIRST = (

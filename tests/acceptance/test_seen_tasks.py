@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import httpx
 import numpy as np
 import pytest
-from support.service import ServiceProcess, finished, running_service, warmed
 
 from tests.support.scan_frames import PILES, SHIPPED, Scan, pile
+from tests.support.service import ServiceProcess, finished, running_service, warmed
 
 pytestmark = pytest.mark.slow
 REACHED = 1e-3

@@ -11,11 +11,11 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from geometry.mesh_shapes import angle, file_of
-from support.plan_shelf import PlanShelf
-from support.samples import among, sample
-from support.service import ROOT, ServiceProcess, finished, running_service, task, unsolved_task, warmed
 
+from tests.geometry.mesh_shapes import angle, file_of
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import among, sample
+from tests.support.service import ROOT, ServiceProcess, finished, running_service, task, unsolved_task, warmed
 from workers.settings import HANDOVERS_FOLDER
 
 GRAVITY = 9.81

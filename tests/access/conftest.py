@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import httpx
 import pytest
-from support.service import FAKE_EXAMINER, FAKE_SOLVER
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER
+from tests.support.serving import served
 
 
 @dataclass(frozen=True)

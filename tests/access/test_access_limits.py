@@ -10,8 +10,6 @@ from pathlib import Path
 import httpx
 import pytest
 import viser
-from support.service import FAKE_SOLVER, task, wait_for
-from support.serving import served
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
@@ -23,6 +21,8 @@ from app.cli.keys_command import NoSuchKey, issue_key, revoke_key
 from app.serve import NoKeys, serve
 from app.settings import ServiceSettings
 from app.viewer.scene_servers import MOST_RELAYS
+from tests.support.service import FAKE_SOLVER, task, wait_for
+from tests.support.serving import served
 
 
 def settings_in(folder: Path, **settings: object) -> ServiceSettings:

@@ -10,10 +10,6 @@ from typing import Any
 
 import httpx
 import pytest
-from access.conftest import GuardedService
-from support.own_cell import station
-from support.own_service import sparing_repeats
-from support.service import finished, task
 from websockets.sync.client import ClientConnection, connect
 
 from app.access.caller import ANYBODY, Caller, Scope
@@ -21,6 +17,10 @@ from app.cli.keys_command import issue_key
 from app.resources.cell_collection import CellCollection, examined
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import ShippedCells
+from tests.access.conftest import GuardedService
+from tests.support.own_cell import station
+from tests.support.own_service import sparing_repeats
+from tests.support.service import finished, task
 from workers.settings import WorkerSettings
 from workers.stores.cell_store import CellStore
 from workers.stores.database import open_database

@@ -8,14 +8,14 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
-from access.conftest import GuardedService
-from support.service import FAKE_SOLVER, wait_for
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.resources.plan_collection import PlanCollection
 from app.settings import ServiceSettings
+from tests.access.conftest import GuardedService
+from tests.support.service import FAKE_SOLVER, wait_for
+from tests.support.serving import served
 
 ELSEWHERE = "203.0.113.9"
 

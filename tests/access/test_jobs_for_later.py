@@ -6,12 +6,12 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import httpx
-from support.service import FAKE_SOLVER, task
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from tests.support.service import FAKE_SOLVER, task
+from tests.support.serving import served
 
 MAX_QUEUED, MAX_DELAYED = 4, 3
 LATER = "2999-01-01T00:00:00Z"

@@ -10,9 +10,7 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
-from access.conftest import GuardedService
 from fastapi.routing import APIRoute, APIWebSocketRoute
-from support.service import task
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -21,7 +19,9 @@ from app.access.caller import Scope
 from app.cli.keys_command import issue_key, list_keys, revoke_key
 from app.create_app import PARTS
 from app.resources.plan_collection import PlanCollection
+from tests.access.conftest import GuardedService
 from tests.support.scan_frames import shipped
+from tests.support.service import task
 
 PROBLEM = "application/problem+json"
 

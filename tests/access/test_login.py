@@ -9,8 +9,9 @@ from contextlib import contextmanager
 
 import httpx
 import pytest
-from access.conftest import GuardedService
 from websockets.sync.client import connect
+
+from tests.access.conftest import GuardedService
 
 PAGE = {"Accept": "text/html,*/*"}
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import httpx
 import pytest
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task
+from tests.support.serving import served
 from workers.stores.study_store import POINTS_PER_PART
 
 SHARE = 4

@@ -7,9 +7,10 @@ from typing import Any
 
 import httpx
 import pytest
-from access.conftest import GuardedService
-from support.service import finished, task
 from websockets.sync.client import connect
+
+from tests.access.conftest import GuardedService
+from tests.support.service import finished, task
 
 BODY = {"task": task(external_id="now"), "axes": [{"pointer": "/cup/max_force", "values": [15, 20]}]}
 

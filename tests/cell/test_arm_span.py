@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.documents import bodies_of, cell_of, evidence_of
 
 from planners.cell.arm import Arm
 from planners.cell.arm_span import SLACK, ArmSpan, out_of_reach
@@ -17,6 +16,7 @@ from planners.certify.common.infeasibility import reach_bound
 from planners.certify.motion.kinematics import ArmKinematics
 from planners.contract.arrays import ArmName
 from planners.plan.scenery import ARMS
+from tests.support.documents import bodies_of, cell_of, evidence_of
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 

@@ -18,9 +18,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from geometry.mesh_shapes import file_of
-from support.own_cell import INDUSTRIAL, furnished, furnished_files, own_robot, station, station_files, written, zipped
-from support.samples import sample
 
 from planners.cell import bundle as bundle_module
 from planners.cell.bundle import CellBundle
@@ -28,6 +25,18 @@ from planners.certify import load_surfaces
 from planners.errors import AssetError
 from planners.survey.faults import load_checked
 from tests.cell.urdf_arms import INDUSTRIAL_AXES, INDUSTRIAL_TIP, UrdfArm
+from tests.geometry.mesh_shapes import file_of
+from tests.support.own_cell import (
+    INDUSTRIAL,
+    furnished,
+    furnished_files,
+    own_robot,
+    station,
+    station_files,
+    written,
+    zipped,
+)
+from tests.support.samples import sample
 
 MUTATIONS = 300
 

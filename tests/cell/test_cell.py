@@ -10,8 +10,6 @@ import fcl
 import numpy as np
 import pytest
 import yaml
-from support.documents import bodies_of, cell_of
-from support.own_cell import load_cell_file
 
 from assets import assets_folder
 from planners.cell.cell import Cell, known_cells, load_cell
@@ -19,6 +17,8 @@ from planners.errors import AssetError
 from planners.geometry.convex import CollisionBody
 from planners.geometry.pose import from_pose7, pose_row, rotation_x, rotation_z
 from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
+from tests.support.documents import bodies_of, cell_of
+from tests.support.own_cell import load_cell_file
 
 
 @pytest.fixture(scope="module", params=["dual_ur3e_lift", "dual_ur3e_tool"])

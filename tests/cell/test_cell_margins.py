@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.own_cell import written
-from support.tool_plans import FEW
 
 from planners.cell import cell as cell_module
 from planners.cell.asset_shelf import fingerprint, read_cell_file, read_mount_file, shipped_shelf
@@ -37,6 +35,8 @@ from planners.survey.survey import CellSurvey
 from tests.cell.cell_probe import fcl_distance, fcl_object
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.manipulation.lift_probe import task_body
+from tests.support.own_cell import written
+from tests.support.tool_plans import FEW
 
 WIDE = 0.008
 """More than twice what planning keeps where no cell says anything [m]."""

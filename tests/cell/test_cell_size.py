@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.scaled_cell import OWN, scaled_cell, scaled_task
 
 from planners.cell.cell import Cell, ShippedCells, known_cells, load_cell
 from planners.cell.cell_size import size_of
@@ -38,6 +37,7 @@ from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene
 from planners.survey.reach_map import ReachMapSettings, map_reach
 from tests.manipulation.lift_probe import task_body
+from tests.support.scaled_cell import OWN, scaled_cell, scaled_task
 
 LIFT, TOOL = "dual_ur3e_lift", "dual_ur3e_tool"
 LONG = "long_symmetric"

@@ -11,8 +11,6 @@ from typing import Any
 
 import pytest
 import trimesh
-from support.own_cell import written, zipped
-from support.tool_plans import FEW, block, few_handovers
 
 from planners.cell.bundle import CellBundle, cell_schema
 from planners.cell.cell import Cell
@@ -25,6 +23,8 @@ from planners.scene.scene import build_scene
 from planners.scene.suction_tool import known_tools, load_tool, load_tools, tool_of_cell
 from planners.survey.cell_limits import CellLimits
 from planners.survey.faults import load_checked
+from tests.support.own_cell import written, zipped
+from tests.support.tool_plans import FEW, block, few_handovers
 
 TURN = [1, 0, 0, 0]
 COLUMN = {"mesh": {"path": "meshes/column.stl", "scale": 0.001}, "pose": [0, 0, 0.050, *TURN]}

@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from geometry.mesh_shapes import angle, file_of, in_angle
-from support.own_cell import station, written, zipped
-from support.samples import sample
 
 from planners import read_task, solve
 from planners.cell import asset_shelf
@@ -25,6 +22,9 @@ from planners.geometry.pose import from_pose7, rotation_z, to_pose7, transform
 from planners.geometry.solid_mesh import SolidMesh, take_mesh
 from planners.scene.scene import build_scene
 from planners.survey.faults import check_cell
+from tests.geometry.mesh_shapes import angle, file_of, in_angle
+from tests.support.own_cell import station, written, zipped
+from tests.support.samples import sample
 
 SCALE = 4.0
 YAW = 30.0

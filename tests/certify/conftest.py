@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from support.documents import bodies_of, cell_of
 
 from planners.cell.cell import Cell, load_cell
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
@@ -26,6 +25,7 @@ from planners.certify.motion.solids import ConvexSolid
 from planners.geometry.pose import frame_from_z, inverse, rotation_y, skew, to_pose7, transform
 from planners.kinematics.inverse import inverse_kinematics
 from planners.planning import reference_of
+from tests.support.documents import bodies_of, cell_of
 
 Array = NDArray[np.float64]
 STEP = 0.02

@@ -5,9 +5,8 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from support.syntax import syntax_tree
-
 import planners.certify
+from tests.support.syntax import syntax_tree
 
 SHARED = ("planners.certify", "planners.contract", "planners.errors", "planners.geometry.pose", "planners.plan")
 """What a task and a plan are, and how they are read; not planning.py, which makes plans."""

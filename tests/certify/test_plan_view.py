@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.documents import certified
-from support.samples import sample
 
 from planners.certify import RobotSurfaces
 from planners.geometry.pose import rotation_x, to_pose7, transform
+from tests.support.documents import certified
+from tests.support.samples import sample
 
 Document = dict[str, Any]
 UNREAD = {"id", "seed", "software", "certificate", "simulation", "statistics", "explanation"}

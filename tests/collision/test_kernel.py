@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numba import njit
-from support.samples import sample
 
 from planners.collision.kernel import first_collision, make_scratch, place_frames, set_frame
 from planners.collision.model import Attached, CollisionModel, CollisionModelError, Fixed, Riding, Upright
@@ -26,6 +25,7 @@ from tests.collision.synthetic_cell import (
     resting,
     sphere,
 )
+from tests.support.samples import sample
 
 TOLERANCE = 1e-6
 """Coal and the kernel may differ about distances this close to the margin [m]."""

@@ -11,15 +11,15 @@ from typing import Any
 import cv2
 import pytest
 import yaml
-from support.own_cell import INDUSTRIAL, station, station_files, written, zipped
-from support.service import FAKE_SOLVER
-from support.serving import served
 
 from app.cli.main import main
 from app.cli.output import BAD_INPUT
 from app.settings import ServiceSettings
 from planners.cell.cell import known_cells
 from planners.plan.plan import Plan
+from tests.support.own_cell import INDUSTRIAL, station, station_files, written, zipped
+from tests.support.service import FAKE_SOLVER
+from tests.support.serving import served
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

@@ -10,11 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.documents import plan_of
-from support.lift_documents import contact, lift, lift_document, segment, simulation
-from support.service import FAKE_SOLVER, ROOT, TASKS, task, unsolved_task
-from support.serving import served
-from support.tool_documents import tool_simulation
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
@@ -26,7 +21,12 @@ from planners.cell.cell import load_cell
 from planners.contract.scene_document import SceneDocument
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
+from tests.support.documents import plan_of
+from tests.support.lift_documents import contact, lift, lift_document, segment, simulation
 from tests.support.scan_frames import SHIPPED
+from tests.support.service import FAKE_SOLVER, ROOT, TASKS, task, unsolved_task
+from tests.support.serving import served
+from tests.support.tool_documents import tool_simulation
 from workers.solver.pipeline import Pipeline
 
 

@@ -12,10 +12,6 @@ from typing import Any
 
 import pytest
 import yaml
-from support.documents import plan_of
-from support.lift_documents import lift_document, segment, simulation
-from support.own_cell import station
-from support.service import ROOT, task
 
 from app.cli.main import main
 from app.cli.output import stage_words
@@ -28,7 +24,11 @@ from planners.progress import Progress
 from planners.regrasp.graph.object_progress import ObjectStage
 from planners.remedies.kinds import KINDS
 from planners.scene.suction_tool import load_tool
+from tests.support.documents import plan_of
+from tests.support.lift_documents import lift_document, segment, simulation
+from tests.support.own_cell import station
 from tests.support.scan_frames import SHIPPED
+from tests.support.service import ROOT, task
 from tests.support.tool_plans import FEW
 from workers.solver.pipeline import Pipeline
 from workers.solver.progress import STAGE_SHARES

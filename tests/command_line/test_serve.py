@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 import structlog
-from support.service import ROOT
 
 from app import serve
 from app.cli.main import main
 from app.logs import set_up_logs
 from app.serve import CannotListen, bind
+from tests.support.service import ROOT
 from workers.settings import WorkerSettings
 from workers.solver import warm_up
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import cv2
 import pytest
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, TASKS
-from support.serving import served
 
 from app.cli.main import main
 from app.cli.output import BAD_INPUT
 from app.cli.study_command import read_axis
 from app.settings import ServiceSettings
 from planners.study.study_map import StudyMap
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, TASKS
+from tests.support.serving import served
 
 WEAK = str(TASKS / "pb1_weak_cup.json")
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import httpx
 import pytest
-from support.places import database_at
-from support.service import FAKE_SOLVER
-from support.serving import served
 
 from app.settings import ServiceSettings
+from tests.support.places import database_at
+from tests.support.service import FAKE_SOLVER
+from tests.support.serving import served
 
 MAX_QUEUED = 12
 

@@ -10,9 +10,9 @@ from typing import Any
 
 import httpx
 import pytest
-from support.service import task
 
 from planners.program import ProgramTarget
+from tests.support.service import task
 
 LONGEST_SECONDS = 1.0
 

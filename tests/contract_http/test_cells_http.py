@@ -13,11 +13,11 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from support.own_cell import station, station_files, written, zipped
-from support.own_service import sparing_repeats
-from support.service import task
 
 from planners.cell.cell import known_cells, load_cell
+from tests.support.own_cell import station, station_files, written, zipped
+from tests.support.own_service import sparing_repeats
+from tests.support.service import task
 
 ZIP = {"Content-Type": "application/zip"}
 TASK = task("pb1.json", plate_pose=[0.6, 0.0, 0.922, 1, 0, 0, 0], options={"simulate": False})

@@ -9,12 +9,12 @@ from typing import Any
 
 import httpx
 import pytest
-from support.places import on_one_or_both_databases
-from support.receiver import Receiver, running_receiver
-from support.service import FAKE_SOLVER, finished, task, wait_for
-from support.serving import served
 
 from app.settings import ServiceSettings
+from tests.support.places import on_one_or_both_databases
+from tests.support.receiver import Receiver, running_receiver
+from tests.support.service import FAKE_SOLVER, finished, task, wait_for
+from tests.support.serving import served
 
 pytestmark = on_one_or_both_databases
 

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, ROOT
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
@@ -23,6 +21,8 @@ from planners.contract.scan_spec import scan_schema
 from planners.contract.scene_document import SceneDocument
 from planners.contract.task_spec import task_schema
 from planners.plan.plan import plan_schema
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, ROOT
+from tests.support.serving import served
 
 HERE = Path(__file__).parent
 CHECKED_IN = ROOT / "docs" / "openapi.json"

@@ -7,7 +7,8 @@ from typing import Any
 
 import httpx
 import pytest
-from support.service import task
+
+from tests.support.service import task
 
 
 def follow(client: httpx.Client, plan: dict[str, Any], last_event_id: int | None = None) -> list[tuple[int, str, Any]]:

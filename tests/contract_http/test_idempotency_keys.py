@@ -10,15 +10,15 @@ from typing import Any
 import httpx
 import pytest
 import sqlalchemy as sa
-from geometry.mesh_shapes import angle, file_of
-from support.service import FAKE_SOLVER, task
-from support.serving import served
 
 from app import task_intake
 from app.resources import plan_collection
 from app.settings import ServiceSettings
 from planners.contract.task_spec import read_task, write_task
 from planners.errors import SceneError
+from tests.geometry.mesh_shapes import angle, file_of
+from tests.support.service import FAKE_SOLVER, task
+from tests.support.serving import served
 from workers.stores.database import SQLITE_FILE
 from workers.stores.tables import PLANS
 

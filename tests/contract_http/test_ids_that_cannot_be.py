@@ -9,13 +9,13 @@ from urllib.parse import unquote
 
 import httpx
 import pytest
-from support.places import on_one_or_both_databases
-from support.service import FAKE_SOLVER, ROOT, task
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from tests.support.places import on_one_or_both_databases
+from tests.support.service import FAKE_SOLVER, ROOT, task
+from tests.support.serving import served
 
 ASKED = {"/v1/plans/{plan_id}/program.zip": {"target": "ur"}}
 """What must be asked beside the id."""

@@ -8,7 +8,8 @@ from typing import Any
 
 import httpx
 import pytest
-from support.service import finished, task, wait_for
+
+from tests.support.service import finished, task, wait_for
 
 
 def post(client: httpx.Client, wish: str, **order: Any) -> dict[str, Any]:

@@ -8,8 +8,9 @@ from typing import Any
 import httpx
 import pytest
 import trimesh
-from geometry.mesh_shapes import angle, file_of
-from support.service import task
+
+from tests.geometry.mesh_shapes import angle, file_of
+from tests.support.service import task
 
 MEDIA = {"stl": "model/stl", "obj": "model/obj", "ply": "model/ply", "glb": "model/gltf-binary"}
 

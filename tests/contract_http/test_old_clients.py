@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.service import ROOT
+
+from tests.support.service import ROOT
 
 ORDER = {
     "kind": "plate_lift",

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 import httpx
-from support.service import finished, task
+
+from tests.support.service import finished, task
 
 
 def value(text: str, sample: str) -> float:

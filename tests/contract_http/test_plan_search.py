@@ -7,11 +7,11 @@ from typing import Any
 
 import httpx
 import pytest
-from support.places import on_one_or_both_databases
-from support.service import finished, task, wait_for
 
 from app.resources.queries import PlanQuery
 from planners.contract.task_spec import KINDS
+from tests.support.places import on_one_or_both_databases
+from tests.support.service import finished, task, wait_for
 from workers.stores.jobs import JobState
 
 TOOL_TASK = "domino_pile.json"

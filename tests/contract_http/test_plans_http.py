@@ -11,12 +11,12 @@ from typing import get_args
 import httpx
 import numpy as np
 import pytest
-from support.service import finished, task, wait_for
 
 from planners.cell.cell import known_cells, load_cell
 from planners.contract.shapes import Box
 from planners.contract.task_spec import ToolName
 from planners.kinematics.forward import flange_pose
+from tests.support.service import finished, task, wait_for
 
 ODD_TOKENS = [b"", b"[1" + b"0" * 30 + b', "a"]', b"[" * 3000, b'[1, "\\ud800"]', b"\xff", b"9" * 19 + b"-" + b"a" * 32]
 

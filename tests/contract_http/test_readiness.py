@@ -12,8 +12,6 @@ import httpx
 import pytest
 import uvicorn
 from fastapi import FastAPI
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, task, wait_for
-from support.serving import served
 
 from app import create_app as create_app_module
 from app.create_app import create_app
@@ -23,6 +21,8 @@ from app.server.answer_headers import BROWSER_HEADERS, REQUEST_ID
 from app.server.configuration import server_configuration
 from app.settings import ServiceSettings
 from planners.errors import AssetError, LiftwrightError
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, task, wait_for
+from tests.support.serving import served
 from workers.engine import supervisor, worker
 from workers.engine.takeover import Takeover
 from workers.engine.worker import Worker

@@ -11,11 +11,11 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from support.places import database_at
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task, wait_for
-from support.serving import served
 
 from app.settings import ServiceSettings
+from tests.support.places import database_at
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task, wait_for
+from tests.support.serving import served
 
 X = {"pointer": "/cup/position/0", "min": -0.1, "max": 0.1, "count": 5}
 Y = {"pointer": "/cup/position/1", "values": [-0.05, 0, 0.05]}

@@ -8,12 +8,12 @@ from typing import Any
 
 import httpx
 import pytest
-from support.service import FAKE_SOLVER, task
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from tests.support.service import FAKE_SOLVER, task
+from tests.support.serving import served
 
 BODIES: dict[str, Any] = {
     "a lift that can be begun": task(),

@@ -6,11 +6,11 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from support.tool_plans import QUARTER, block, planned
 
 from planners.geometry.pose import from_pose7
 from planners.plan.considered import Considered
 from planners.plan.plan import Plan
+from tests.support.tool_plans import QUARTER, block, planned
 
 ACROSS = {"pose": [0.3, 0.42, 1.104, *QUARTER], "goal_pose": [0.3, -0.4, 1.104, *QUARTER]}
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from support.places import database_at
 
+from tests.support.places import database_at
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue

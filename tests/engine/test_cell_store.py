@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
-from support.own_cell import station, written
-from support.service import task
 
 from app.access.audit_log import AuditLog
 from app.access.authenticator import OpenAccess
@@ -29,6 +27,8 @@ from planners.cell.cell import load_cells
 from planners.errors import AssetError
 from planners.study.study import Study
 from planners.survey.cell_limits import CellLimits
+from tests.support.own_cell import station, written
+from tests.support.service import task
 from workers.engine.housekeeping import clear_cells
 from workers.stores.cell_store import SETTLED_SECONDS, CellFindings, CellStore, StoredCell
 from workers.stores.database import Database

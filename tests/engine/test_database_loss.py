@@ -10,8 +10,8 @@ import psycopg
 import pytest
 import sqlalchemy as sa
 from sqlalchemy import exc
-from support.postgres import needs_postgres, running_postgres
 
+from tests.support.postgres import needs_postgres, running_postgres
 from workers.settings import WorkerSettings
 from workers.stores import database_loss
 from workers.stores.database import open_database

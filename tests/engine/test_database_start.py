@@ -18,10 +18,10 @@ import sqlalchemy as sa
 from psycopg import sql
 from sqlalchemy import event, exc
 from structlog.testing import capture_logs
-from support.postgres import needs_postgres, running_postgres
-from support.service import FAKE_SOLVER, ROOT
-from support.worker import WorkerProcess
 
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.service import FAKE_SOLVER, ROOT
+from tests.support.worker import WorkerProcess
 from workers.engine.executor_lock import AdvisoryLock, worker_lives
 from workers.settings import WorkerSettings
 from workers.stores import database as database_module

@@ -6,12 +6,12 @@ import threading
 
 import pytest
 import sqlalchemy as sa
-from support.accepted import accept
-from support.places import on_both_databases
-from support.service import task
 
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
+from tests.support.accepted import accept
+from tests.support.places import on_both_databases
+from tests.support.service import task
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue
 from workers.stores.jobs import CANCELLED, FAILED, GIVEN_UP, RUNNING, SUCCEEDED, workflow_table

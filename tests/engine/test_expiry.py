@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 import sqlalchemy as sa
-from support.accepted import accept
-from support.service import task
 
+from tests.support.accepted import accept
+from tests.support.service import task
 from workers.engine.housekeeping import BATCH, cancel_overdue
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 import sqlalchemy as sa
-from support.accepted import accept
-from support.service import task
 
 from app.access.caller import ANYBODY
 from app.resources.plan_collection import PlanCollection
+from tests.support.accepted import accept
+from tests.support.service import task
 from workers.engine.housekeeping import count_failures
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue

@@ -13,10 +13,10 @@ from typing import Any, cast
 import pytest
 import sqlalchemy as sa
 from pydantic import ValidationError
-from support.accepted import accept
-from support.postgres import needs_postgres, running_postgres
-from support.service import task, wait_for
 
+from tests.support.accepted import accept
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.service import task, wait_for
 from workers.engine.deadline import PatientQuestion
 from workers.engine.executor_lock import AdvisoryLock, worker_lives
 from workers.engine.takeover import BEGINNING_SECONDS, Takeover

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 import sqlalchemy as sa
-from support.accepted import accept
-from support.service import task
 
+from tests.support.accepted import accept
+from tests.support.service import task
 from workers.stores.database import Database
 from workers.stores.job_queue import APPLICATION_VERSION, Depth, JobQueue
 from workers.stores.jobs import JobOrder, workflow_table

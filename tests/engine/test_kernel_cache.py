@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.samples import among
 
+from tests.support.samples import among
 from workers.solver.warm_up import forget_stale_kernels, keep_kernels
 
 

@@ -11,12 +11,12 @@ import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from support.accepted import accept
-from support.old_tables import back_to_the_first_version
-from support.postgres import needs_postgres, running_postgres
-from support.samples import sample
-from support.service import ROOT, task
 
+from tests.support.accepted import accept
+from tests.support.old_tables import back_to_the_first_version
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.samples import sample
+from tests.support.service import ROOT, task
 from workers.settings import WorkerSettings
 from workers.stores.database import open_database
 from workers.stores.job_queue import JobQueue

@@ -13,8 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from support.lift_documents import lift_document, simulation
-from support.service import task
 
 from planners.cell.cell import load_cell
 from planners.certify import Certificate, Check
@@ -27,6 +25,8 @@ from planners.plan.verdicts import StageTime, Statistics
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Report, silent
 from planners.scene.suction_tool import load_tools
+from tests.support.lift_documents import lift_document, simulation
+from tests.support.service import task
 from workers.solver.pipeline import Pipeline
 from workers.solver.protocol import REJECTED_VARIABLE, Answer, SolverRequest
 

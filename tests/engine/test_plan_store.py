@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from support.accepted import accept
-from support.service import task
 
+from tests.support.accepted import accept
+from tests.support.service import task
 from workers.settings import WorkerSettings
 from workers.stores.database import open_database
 from workers.stores.job_queue import JobQueue

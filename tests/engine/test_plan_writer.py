@@ -13,11 +13,11 @@ import pytest
 import sqlalchemy as sa
 from dbos import DBOSClient, EnqueueOptions, WorkflowSerializationFormat
 from sqlalchemy.exc import OperationalError
-from support.postgres import needs_postgres, running_postgres
-from support.service import task
 
 from app.access.audit_log import AuditLog, audit_row
 from app.access.caller import ANYBODY
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.service import task
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import APPLICATION, APPLICATION_VERSION, QUEUE, WORKFLOW, JobQueue

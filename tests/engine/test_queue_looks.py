@@ -8,10 +8,10 @@ from pathlib import Path
 
 import httpx
 import pytest
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, task, wait_for
-from support.serving import served
 
 from app.settings import ServiceSettings
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, task, wait_for
+from tests.support.serving import served
 from workers.engine.worker import _engine
 from workers.stores.database import open_database
 from workers.stores.job_queue import DELIVERY_QUEUE, STUDY_QUEUE, JobQueue, queue_looks

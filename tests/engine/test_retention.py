@@ -5,11 +5,11 @@ from __future__ import annotations
 import uuid
 
 import sqlalchemy as sa
-from support.accepted import accept
-from support.service import task
 
 from planners.contract.scene_document import SceneDocument
 from planners.perception.perceive import PerceivedScene
+from tests.support.accepted import accept
+from tests.support.service import task
 from workers.engine.housekeeping import BATCH, US_PER_DAY, delete_old, delete_old_audit
 from workers.stores.database import Database
 from workers.stores.job_queue import JobQueue

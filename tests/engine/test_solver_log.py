@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 
-from support.service import ROOT
+from tests.support.service import ROOT
 
 PROGRAM = """
 from workers.solver.process import Channel, ReportedFaults

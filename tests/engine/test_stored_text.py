@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 from sqlalchemy.exc import DataError
-from support.accepted import accept
-from support.places import on_both_databases
-from support.service import task
 
 from app.access.audit_log import AuditLog
 from app.access.caller import Caller, Scope
 from planners.progress import Report
+from tests.support.accepted import accept
+from tests.support.places import on_both_databases
+from tests.support.service import task
 from workers.engine.job_runner import JobRunner
 from workers.settings import WorkerSettings
 from workers.stores.cell_store import CellStore

@@ -9,10 +9,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, cast
 
-from support.service import task
-
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
+from tests.support.service import task
 from workers.engine.study_runner import StudyRunner
 from workers.settings import WorkerSettings
 from workers.solver.protocol import StudyRequest

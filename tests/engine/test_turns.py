@@ -15,13 +15,13 @@ import pytest
 import sqlalchemy as sa
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.places import database_at, on_both_databases
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task, wait_for
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from tests.support.places import database_at, on_both_databases
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task, wait_for
+from tests.support.serving import served
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import PUT_OFF_SECONDS, JobQueue, NewJob

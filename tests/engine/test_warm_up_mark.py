@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.service import ROOT
 
+from tests.support.service import ROOT
 from workers.processor import FEATURES_VARIABLE, NAME_VARIABLE
 from workers.settings import WorkerSettings
 from workers.solver import warm_up

@@ -10,11 +10,11 @@ from typing import Any, cast
 
 import psutil
 import pytest
-from support.postgres import needs_postgres, running_postgres
-from support.service import FAKE_SOLVER, wait_for
-from support.worker import WorkerProcess
 
 from app.cli.main import main
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.service import FAKE_SOLVER, wait_for
+from tests.support.worker import WorkerProcess
 from workers.engine.executor_lock import AdvisoryLock, FileLock, worker_lives
 from workers.engine.sign_of_life import SignOfLife, shows_life
 from workers.engine.supervisor import Supervisor

@@ -7,9 +7,9 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
-from support.accepted import accept
-from support.service import FAKE_SOLVER, task, wait_for
 
+from tests.support.accepted import accept
+from tests.support.service import FAKE_SOLVER, task, wait_for
 from workers.engine.executor_lock import FileLock
 from workers.engine.supervisor import Supervisor
 from workers.engine.worker import Worker

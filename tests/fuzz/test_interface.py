@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from support.samples import sample
 
 from tests.benchmarks.interface import explore, explored
+from tests.support.samples import sample
 
 
 @pytest.mark.slow

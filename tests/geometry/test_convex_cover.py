@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
-from geometry.mesh_shapes import angle, in_angle, ring, ring_depth
 from scipy.spatial import ConvexHull, Delaunay
-from support.samples import among
 
 from planners.geometry.convex_cover import CoverSettings, cover
+from tests.geometry.mesh_shapes import angle, in_angle, ring, ring_depth
+from tests.support.samples import among
 
 
 def covered(found, points, slack=1e-9):

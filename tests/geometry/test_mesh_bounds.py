@@ -6,7 +6,6 @@ import tracemalloc
 import numpy as np
 import pytest
 import trimesh
-from geometry.mesh_shapes import angle, file_of
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -14,6 +13,7 @@ from scipy.spatial import KDTree
 from planners.geometry import solid_mesh
 from planners.geometry.mesh_file import MOST_TRIANGLES, MeshFormat, MeshRefused
 from planners.geometry.solid_mesh import SAME_VERTEX, repaired, take_mesh
+from tests.geometry.mesh_shapes import angle, file_of
 from tests.support import mesh_bombs
 
 FORMATS: dict[str, MeshFormat] = {

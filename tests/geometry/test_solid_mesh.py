@@ -6,10 +6,10 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from geometry.mesh_shapes import angle, file_of
 
 from planners.geometry.mesh_file import MOST_TRIANGLES, MeshRefused, read_mesh_file
 from planners.geometry.solid_mesh import SolidMesh, repaired, take_mesh
+from tests.geometry.mesh_shapes import angle, file_of
 
 FLAT = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.3, 0.3, 0]]
 BOX = trimesh.creation.box((0.1, 0.2, 0.3))

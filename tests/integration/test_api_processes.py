@@ -10,11 +10,11 @@ from pathlib import Path
 import httpx
 import psutil
 import pytest
-from support.service import FAKE_SOLVER, ServiceProcess, task, wait_for
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.serve import COUNTS_PREFIX, folder_of_counts
+from tests.support.service import FAKE_SOLVER, ServiceProcess, task, wait_for
 from workers.settings import WorkerSettings
 
 

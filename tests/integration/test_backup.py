@@ -8,10 +8,10 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from support.accepted import accept
-from support.postgres import PostgresServer, needs_postgres, running_postgres
-from support.service import task
 
+from tests.support.accepted import accept
+from tests.support.postgres import PostgresServer, needs_postgres, running_postgres
+from tests.support.service import task
 from workers.settings import WorkerSettings
 from workers.stores.database import SQLITE_FILE, Database, open_database
 from workers.stores.job_queue import JobQueue

@@ -9,10 +9,10 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from support.plan_shelf import PlanShelf
-from support.samples import sample
 
 import planners
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import sample
 
 ROOT = Path(__file__).parents[2]
 SHOWN = [planners, planners.solve, planners.Plan.read]

@@ -12,11 +12,11 @@ from pathlib import Path
 import httpx
 import pytest
 from sqlalchemy.exc import OperationalError
-from support.accepted import accept
-from support.postgres import needs_postgres, running_postgres
-from support.service import FAKE_SOLVER, finished, running_service, task, wait_for
-from support.worker import WorkerProcess
 
+from tests.support.accepted import accept
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.service import FAKE_SOLVER, finished, running_service, task, wait_for
+from tests.support.worker import WorkerProcess
 from workers.settings import WorkerSettings
 from workers.stores.database import open_database
 from workers.stores.job_queue import JobQueue

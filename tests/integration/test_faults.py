@@ -10,8 +10,8 @@ from pathlib import Path
 import httpx
 import psutil
 import pytest
-from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 
+from tests.support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 from workers.stores.job_queue import INTERRUPTED_TOO_OFTEN
 
 LONGEST_CANCEL_SECONDS = 1.0

@@ -13,10 +13,10 @@ from typing import Any
 import httpx
 import psutil
 import pytest
-from support.postgres import PostgresServer, needs_postgres, running_postgres
-from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
-from support.worker import WorkerProcess
 
+from tests.support.postgres import PostgresServer, needs_postgres, running_postgres
+from tests.support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
+from tests.support.worker import WorkerProcess
 from workers.stores.job_queue import INTERRUPTED_TOO_OFTEN
 
 pytestmark = needs_postgres

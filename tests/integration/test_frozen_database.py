@@ -15,11 +15,11 @@ import httpx
 import psutil
 import psycopg
 import pytest
-from support.postgres import PostgresServer, needs_postgres, running_postgres
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, ROOT, task, wait_for
-from support.serving import served
 
 from app.settings import ServiceSettings
+from tests.support.postgres import PostgresServer, needs_postgres, running_postgres
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, ROOT, task, wait_for
+from tests.support.serving import served
 
 CONNECTIONS = 4
 

@@ -12,7 +12,8 @@ from typing import Any
 import httpx
 import psutil
 import pytest
-from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
+
+from tests.support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 
 SOLVER_SECONDS = 3.0
 

@@ -10,9 +10,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-from support.postgres import needs_postgres, running_postgres
-from support.service import FAKE_SOLVER, finished, running_service, task, wait_for
-from support.worker import WorkerProcess
+
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.service import FAKE_SOLVER, finished, running_service, task, wait_for
+from tests.support.worker import WorkerProcess
 
 pytestmark = needs_postgres
 

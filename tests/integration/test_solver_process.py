@@ -19,9 +19,9 @@ from typing import Any
 
 import psutil
 import pytest
-from support.service import FAKE_SOLVER, ROOT, wait_for
 
 from planners.progress import Report
+from tests.support.service import FAKE_SOLVER, ROOT, wait_for
 from workers.settings import SOLVER_COMMAND
 from workers.solver import pool as pool_module
 from workers.solver.pool import LOADING, OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
@@ -234,7 +234,7 @@ import sys, time
 from pathlib import Path
 gate = Path(sys.argv.pop())
 sys.path.insert(0, "tests")
-from support.fake_solver import solve
+from tests.support.fake_solver import solve
 from workers.solver.process import main
 def prepare():
     while not gate.exists():

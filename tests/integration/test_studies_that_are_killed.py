@@ -9,8 +9,9 @@ from pathlib import Path
 
 import psutil
 import pytest
-from support.samples import sample
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
+
+from tests.support.samples import sample
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, ServiceProcess, finished, running_service, task, wait_for
 
 PLACES = sample(quick=1, whole=4)
 POINTS = sample(quick=20, whole=60)

@@ -6,10 +6,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from support.old_tables import back_to_the_first_version
-from support.postgres import needs_postgres, running_postgres
-from support.service import FAKE_SOLVER, ServiceProcess, finished, task, wait_for
 
+from tests.support.old_tables import back_to_the_first_version
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.service import FAKE_SOLVER, ServiceProcess, finished, task, wait_for
 from workers.settings import WorkerSettings
 from workers.stores.database import open_database
 

@@ -12,7 +12,6 @@ from typing import get_args
 import httpx
 import pytest
 from fastapi import FastAPI
-from geometry.mesh_shapes import angle, file_of
 
 import app.uploads.uploads
 from app.errors import install_error_handlers
@@ -22,6 +21,7 @@ from app.settings import ServiceSettings
 from app.uploads.form import FormPart, form_parts
 from app.uploads.uploads import UploadLimits
 from planners.geometry.solid_mesh import SolidMesh
+from tests.geometry.mesh_shapes import angle, file_of
 
 HELD, WORKED, SENDERS = 3, 2, 10
 FORM = {"Content-Type": "multipart/form-data; boundary=a"}

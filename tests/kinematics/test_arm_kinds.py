@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from eaik.pybindings import EAIK
 from scipy.optimize import least_squares
-from support.samples import sample
 
 from planners.cell.arm import load_robot
 from planners.cell.asset_shelf import shipped_shelf
@@ -19,6 +18,7 @@ from planners.kinematics.forward import flange_pose
 from planners.kinematics.inverse import BRANCHES, inverse_kinematics, manipulability
 from planners.kinematics.windings import wrap
 from tests.kinematics.arm_oracle import ARMS, INDUSTRIAL, PUMA, UR3E, PinocchioArm
+from tests.support.samples import sample
 
 ROBOTS = shipped_shelf().names("robots")
 RIGHT, STRAIGHT = (90.0, -90.0), (0.0, 180.0)

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.plan_shelf import PlanShelf
-from support.service import task
 
 from planners import read_task, solve
 from planners.cell.cell import load_cells
@@ -25,6 +23,8 @@ from planners.scene.lift_placements import cup_places, cup_step
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import task_body
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import task
 
 AB1 = task_body("ab1")
 ROUND = [[0.15 * np.cos(a), 0.15 * np.sin(a)] for a in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)]

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 import yaml
-from support.own_cell import load_cell_file
 
 from planners import read_task, solve
 from planners.kinematics.arm_kind import ArmKind, arm_kind
+from tests.support.own_cell import load_cell_file
 
 ROOT = Path(__file__).resolve().parents[2]
 SCALE = 0.36

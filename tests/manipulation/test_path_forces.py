@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from support.plan_shelf import PlanShelf
-from support.service import task
 
 from app.viewer.editor.feasibility import LastPath
 from planners.cell.cell import Cell, load_cell
@@ -15,6 +13,8 @@ from planners.manipulation.statics.path_forces import PathFails, PathForces, Pat
 from planners.manipulation.statics.reserves import STEPS
 from planners.plan.plan import Plan
 from planners.scene.scene import build_scene
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import task
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.documents import cell_of
 
 from planners.errors import PlanningFaultError
 from planners.graph.rejections import Rejection
@@ -21,6 +20,7 @@ from planners.manipulation.motion.choreography import Choreographer, StuckStep
 from planners.manipulation.planner import PlateLiftPlanner
 from planners.plan.verdicts import PlanningOutcome
 from tests.manipulation.lift_probe import planner_of, task_body
+from tests.support.documents import cell_of
 
 
 def planned(**limits: float) -> tuple[PlateLiftPlanner, LiftPlan]:

@@ -10,9 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from support.documents import certified
-from support.own_cell import load_cell_file
-from support.samples import told
 
 from planners.cell.cell import Cell, load_cells
 from planners.certify import RobotSurfaces, load_surfaces
@@ -21,6 +18,9 @@ from planners.plan.verdicts import PlanningOutcome
 from planners.planning import plan, reference_of
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import ROOT, planner_of, task_body
+from tests.support.documents import certified
+from tests.support.own_cell import load_cell_file
+from tests.support.samples import told
 
 CASES = yaml.load((ROOT / "tests/problems/plate_lifts.yaml").read_text(), yaml.CSafeLoader)
 MOUNT = yaml.safe_load((ROOT / "assets/mounts/dual_column.yaml").read_text())

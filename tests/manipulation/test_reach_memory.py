@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.samples import among
 
 from planners.contract.task_spec import PlateLiftTask, read_task
 from planners.graph.rejections import Rejections
@@ -19,6 +18,7 @@ from planners.planning import lift_settings
 from planners.progress import silent
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
+from tests.support.samples import among
 
 AB1 = json.loads((Path(__file__).parents[2] / "assets" / "tasks" / "ab1.json").read_text())
 WALL = {"name": "wall", "shape": {"type": "box", "size": [0.02, 0.5, 0.3]}, "pose": [0.55, 0, 1.25, 1, 0, 0, 0]}

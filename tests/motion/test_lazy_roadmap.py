@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import networkx as nx
 import numpy as np
 import pytest
-from motion.test_motion_query import Array, PointAmongBoxes, across, wall_with_gap
 
 from planners.motion.joint_metric import JointMetric
 from planners.motion.lazy_roadmap import RoadmapSettings, find_way
 from planners.motion.path_search import plan_motion
 from planners.motion.query import MotionOutcome, MotionQuery, MotionSettings
+from tests.motion.test_motion_query import Array, PointAmongBoxes, across, wall_with_gap
 
 METRIC = JointMetric(np.array([1.0, 0.5]))
 PATIENT = RoadmapSettings(neighbours=6, edges=100_000)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from motion.test_motion_query import no_boxes
 
 from planners.cell.cell import load_cell
 from planners.hands import arm_motion
 from planners.hands.arm_motion import NOT_HELD, PATIENCE, FreeMotion, FreeMove, Stuck
 from planners.motion.query import MotionOutcome, MotionQuery, MotionResult, MotionSettings
+from tests.motion.test_motion_query import no_boxes
 
 PERSISTENCE = 4
 SETTINGS = MotionSettings(max_iterations=10)

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.documents import plan_of
-from support.lift_documents import contact, lift, lift_document, segment, simulation
 
 from app.summary import summarise
 from app.viewer.page import describe_plan
 from app.viewer.playback import Playback
 from planners.cell.cell import load_cell
+from tests.support.documents import plan_of
+from tests.support.lift_documents import contact, lift, lift_document, segment, simulation
 
 SCHEMAS = json.loads((Path(__file__).parents[1] / "contract_http/openapi-0.1.json").read_text())["components"][
     "schemas"

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
-from support.documents import plan_of
-from support.lift_documents import contact, lift_document, segment
 
 from planners.cell.cell import Cell, load_cell
 from planners.plan.plan import Plan
+from tests.support.documents import plan_of
+from tests.support.lift_documents import contact, lift_document, segment
 
 
 def wavy_segment(start: float, n: int, rng: np.random.Generator) -> dict[str, Any]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from support.documents import plan_of
-from support.lift_documents import lift_document, segment
-from support.plan_shelf import PlanShelf
-from support.service import task
 
 from planners.cell.cell import load_cell
 from planners.plan.plan import Plan
+from tests.support.documents import plan_of
+from tests.support.lift_documents import lift_document, segment
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import task
 from workers.solver.protocol import SolverRequest
 
 TASKS = ("ab1", "domino_pile")

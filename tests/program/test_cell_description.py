@@ -12,7 +12,6 @@ import pinocchio as pin
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
-from support.samples import sample
 
 from planners.cell.cell import Cell, known_cells, load_cell
 from planners.cell.hand import Gripper
@@ -22,6 +21,7 @@ from planners.kinematics.forward import link_frames
 from planners.kinematics.joint_torque import joint_torques
 from planners.plan.scenery import ARMS
 from planners.program.cell_description import WORLD, CellDescription, roll_pitch_yaw
+from tests.support.samples import sample
 
 CELLS = known_cells()
 VECTORS = sample(100, 1000)

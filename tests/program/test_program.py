@@ -13,9 +13,6 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from support.plan_shelf import PlanShelf
-from support.service import finished, task
-from support.serving import served
 
 from app.cli.main import main
 from app.settings import ServiceSettings
@@ -28,6 +25,9 @@ from planners.plan.planned_wrenches import LEAD
 from planners.plan.scenery import ARMS, GripperDocument
 from planners.program import NotExportable, ProgramTarget, Schedule, exportable, write_program
 from planners.program.urscript import Handshake, write_urscript
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import finished, task
+from tests.support.serving import served
 
 TASKS = ("ab1", "domino_pile")
 MOVE = re.compile(r"lw_to\(([^,]+), \[([^]]+)\], \[([^]]+)\](?:, \[[^]]+\])?\)")

@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
-from support.moving_plan import DURATION, MOVERS, moving_plan
-from support.plan_shelf import PlanShelf
-from support.service import task
 
 from planners import solve
 from planners.contract.arrays import ArmName
@@ -16,6 +13,9 @@ from planners.plan.scenery import ARMS
 from planners.plan.segment import SegmentKind
 from planners.program.recovery import BACK_SPEED, CannotPlanOn, task_from, way_back
 from planners.program.schedule import Schedule
+from tests.support.moving_plan import DURATION, MOVERS, moving_plan
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import task
 from workers.solver.protocol import SolverRequest
 
 COLUMNS = {"left": slice(0, 6), "right": slice(6, 12)}

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.samples import sample
-from support.service import task
 
 from app.cli import execute_command
 from app.cli.main import main
@@ -21,6 +19,8 @@ from planners.contract.strict_json import NotJson, parse_json
 from planners.plan.plan import Plan, digest_of
 from planners.plan.verdicts import Certificate
 from planners.program import NotExportable, ProgramTarget, exportable, guard, write_program
+from tests.support.samples import sample
+from tests.support.service import task
 
 CASES = 210
 NOT_TOLD = ("id", "statistics")

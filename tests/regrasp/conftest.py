@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from support.plan_shelf import PlanShelf
 
 from planners.cell.cell import Cell, load_cell
 from planners.cell.hand import Gripper
@@ -11,6 +10,7 @@ from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings
 from planners.regrasp.grasps.tool_grasps import ToolGrasps, ToolGraspSettings, tool_grasps
 from planners.regrasp.tool_workcell import ToolWorkcell
 from planners.scene.suction_tool import SuctionTool, load_tool
+from tests.support.plan_shelf import PlanShelf
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,6 @@ from typing import Any
 import pytest
 import trimesh
 import yaml
-from geometry.mesh_shapes import angle
-from support.documents import certified
-from support.samples import told
-from support.tool_plans import reference_of_the_tool_cell
 
 from planners.certify import CellReference, RobotSurfaces, load_surfaces
 from planners.contract.task_spec import read_task
@@ -25,6 +21,10 @@ from planners.planning import plan
 from planners.progress import silent
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.scene.scene import build_scene
+from tests.geometry.mesh_shapes import angle
+from tests.support.documents import certified
+from tests.support.samples import told
+from tests.support.tool_plans import reference_of_the_tool_cell
 
 TABLE = 1.094
 """Height of the table [m]."""

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.tool_plans import block
 
 from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.contract.task_spec import read_task
@@ -20,6 +19,7 @@ from planners.plan.segment import SegmentKind
 from planners.regrasp.statics.hold_statics import PRESSED, HoldStatics, UnheldError
 from planners.regrasp.tool_segment import ExertedForce, SuckedObject, ToolHold, ToolSegment
 from planners.scene.tool_scene import build_tool_scene
+from tests.support.tool_plans import block
 
 GRAVITY = 9.81
 CUP_FORCE = 20.0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.plan_shelf import PlanShelf
-from support.samples import among
 
 from planners.geometry.pose import Transform, rotation_z, to_pose7, transform
 from planners.plan.verdicts import PlanningOutcome
@@ -20,6 +18,8 @@ from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_scene import SuctionToolScene
 from tests.cell.cell_probe import gripper_hulls
 from tests.regrasp.tool_tasks import TABLE, box, scene_of
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import among
 
 STANDING = ToolPlannerSettings()
 LYING = STANDING.with_fingertips()

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.samples import among
 
 from planners.geometry.pose import rotation_x, rotation_y, rotation_z, to_pose7, transform
 from planners.progress import silent
@@ -28,6 +27,7 @@ from planners.scene.suction_tool import SuctionTool
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
 from tests.regrasp.tool_tasks import TABLE, box, scene_of
+from tests.support.samples import among
 
 M = np.diag([1.0, -1.0, 1.0, 1.0])
 """Mirrors at the x-z plane; on both sides of a pose, so that it stays one."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from support.tool_plans import Document, answered, block, few_handovers, planned
 
 from planners.cell.cell import load_cell
 from planners.planning import HandoverSource
 from planners.regrasp.grasps.handovers import HandoverSettings
 from planners.scene.suction_tool import load_tool
+from tests.support.tool_plans import Document, answered, block, few_handovers, planned
 
 SPARE, TOOL = 3.0 - 1.205, 0.25
 """What the payload leaves beside a hand, and the long tool's mass [kg]."""

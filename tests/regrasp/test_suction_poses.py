@@ -11,7 +11,6 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.samples import among
 from trimesh.ray.ray_triangle import ray_triangle_id
 
 from planners.geometry.pose import inverse, rotation_from_vector, rotation_x, rotation_z, transform
@@ -24,6 +23,7 @@ from planners.regrasp.suction.suction_poses import (
     is_closed_and_outward,
     suction_poses,
 )
+from tests.support.samples import among
 
 
 @dataclass(frozen=True)

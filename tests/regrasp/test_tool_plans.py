@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.plan_shelf import PlanShelf
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.plan.segment import SegmentKind
@@ -21,6 +20,7 @@ from planners.regrasp.tool_plan import ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.clashes import arm_frames
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
+from tests.support.plan_shelf import PlanShelf
 
 TASKS = Path(__file__).parents[2] / "assets" / "tasks"
 SETTINGS = ToolPlannerSettings()

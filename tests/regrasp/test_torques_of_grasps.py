@@ -12,8 +12,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
-from support.documents import evidence_of
-from support.tool_plans import FEW, block, few_handovers
 
 from planners.cell.arm import Arm
 from planners.certify.common.joint_torque import torque_check
@@ -33,6 +31,8 @@ from planners.regrasp.tool_segment import SuckedObject
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene
 from tests.kinematics.arm_oracle import PinocchioArm
+from tests.support.documents import evidence_of
+from tests.support.tool_plans import FEW, block, few_handovers
 
 TASK = Path(__file__).parents[2] / "assets" / "tasks" / "tissue_pile.json"
 T_TOOL_OBJECT = transform(Rotation.from_euler("z", 0.4).as_matrix(), [0.012, -0.02, -0.03])

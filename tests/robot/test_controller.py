@@ -12,15 +12,15 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 from scipy.spatial.transform import Rotation
 from script_client import ScriptClient
-from support.controller.arm import Arm, ArmLimits, SafetyMode
-from support.controller.controller import Configuration
-from support.controller.intrinsics import Intrinsics, Registers, matrix_of, pose_of
-from support.controller.lexer import ScriptRefused
-from support.controller.stand_in import StandIn, hosts, stand_ins
-from support.controller.translator import ProgramFault, translate
-from support.service import wait_for
 
 from planners.kinematics.forward import flange_pose
+from tests.support.controller.arm import Arm, ArmLimits, SafetyMode
+from tests.support.controller.controller import Configuration
+from tests.support.controller.intrinsics import Intrinsics, Registers, matrix_of, pose_of
+from tests.support.controller.lexer import ScriptRefused
+from tests.support.controller.stand_in import StandIn, hosts, stand_ins
+from tests.support.controller.translator import ProgramFault, translate
+from tests.support.service import wait_for
 
 CYCLE = 0.002
 DH = [[0.0, np.pi / 2, 0.15185, 0.0], [-0.24355, 0, 0, 0], [-0.2132, 0, 0, 0],

@@ -14,9 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.controller.lock_step import LockStep, lock_step
-from support.controller.stand_in import hosts
-from support.moving_plan import DURATION, moving_plan
 
 from app.cli import execute_command
 from app.cli.execute_command import ExecuteRequest, execute_file
@@ -24,6 +21,9 @@ from app.cli.output import BadInput
 from planners.plan.scenery import ARMS
 from planners.program.schedule import Schedule
 from planners.program.urscript import write_urscript
+from tests.support.controller.lock_step import LockStep, lock_step
+from tests.support.controller.stand_in import hosts
+from tests.support.moving_plan import DURATION, moving_plan
 
 SCHEDULE = Schedule.of(moving_plan())
 

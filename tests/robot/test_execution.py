@@ -13,17 +13,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.controller.executed import STANDSTILL, Cell, apart, assert_as_planned, running
-from support.controller.lock_step import LockStep, lock_step, wait_for
-from support.controller.site import CYCLE
-from support.controller.stand_in import hosts
-from support.moving_plan import DURATION, moving_plan
-from support.samples import among
 
 from planners.contract.arrays import ArmName
 from planners.plan.scenery import ARMS
 from planners.program.schedule import STOP_DURATION, ProgramStep, Schedule
 from planners.program.urscript import ProgramState
+from tests.support.controller.executed import STANDSTILL, Cell, apart, assert_as_planned, running
+from tests.support.controller.lock_step import LockStep, lock_step, wait_for
+from tests.support.controller.site import CYCLE
+from tests.support.controller.stand_in import hosts
+from tests.support.moving_plan import DURATION, moving_plan
+from tests.support.samples import among
 from workers.robot.arm_link import ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.executor import Execution, ExecutionSettings, Executor

@@ -6,17 +6,17 @@ import math
 
 import numpy as np
 import pytest
-from support.controller.executed import Recordings, apart, assert_as_planned, curve, executed, off_plan, running
-from support.controller.physical_cell import PhysicalLift, PhysicalPile, physical_cell
-from support.documents import plan_of
-from support.plan_shelf import PlanShelf
-from support.service import ROOT, task
 
 from planners.geometry.pose import rotation_angle
 from planners.kinematics.forward import flange_pose, flange_pose_of_plan
 from planners.lifting.hand_admittance import HandAdmittance
 from planners.program.schedule import Schedule
 from planners.program.urscript import BEARING_TOLERANCE
+from tests.support.controller.executed import Recordings, apart, assert_as_planned, curve, executed, off_plan, running
+from tests.support.controller.physical_cell import PhysicalLift, PhysicalPile, physical_cell
+from tests.support.documents import plan_of
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import ROOT, task
 
 SHIPPED = sorted(path.name for path in (ROOT / "assets/tasks").glob("*.json"))
 

@@ -9,18 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.controller.executed import STANDSTILL, executed
-from support.controller.physical_cell import PhysicalLift, physical_cell
-from support.controller.stand_in import Recording
-from support.documents import plan_of
-from support.plan_shelf import PlanShelf
-from support.service import task
 
 from planners.contract.arrays import ArmName
 from planners.contract.task_spec import PlateLiftTask
 from planners.kinematics.forward import flange_pose_of_plan
 from planners.plan.plan import Plan
 from planners.program.schedule import Schedule, WrenchCurve
+from tests.support.controller.executed import STANDSTILL, executed
+from tests.support.controller.physical_cell import PhysicalLift, physical_cell
+from tests.support.controller.stand_in import Recording
+from tests.support.documents import plan_of
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import task
 from workers.simulation.settings import CupSettings
 
 NORMAL = 1

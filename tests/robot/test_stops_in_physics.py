@@ -5,17 +5,17 @@ from __future__ import annotations
 import io
 
 import pytest
-from support.controller.executed import STANDSTILL, Cell
-from support.controller.lock_step import lock_step
-from support.controller.physical_cell import physical_cell
-from support.controller.stand_in import hosts
-from support.documents import plan_of
-from support.plan_shelf import PlanShelf
-from support.service import task
 
 from planners.plan.scenery import ARMS
 from planners.plan.segment import SegmentKind
 from planners.program.schedule import ProgramStep, Schedule
+from tests.support.controller.executed import STANDSTILL, Cell
+from tests.support.controller.lock_step import lock_step
+from tests.support.controller.physical_cell import physical_cell
+from tests.support.controller.stand_in import hosts
+from tests.support.documents import plan_of
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import task
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.executor import ExecutionSettings, Executor
 from workers.robot.supervision import StopReason

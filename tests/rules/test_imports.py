@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from support.syntax import nodes_of, tree_of
+
+from tests.support.syntax import nodes_of, tree_of
 
 ROOT = Path(__file__).resolve().parents[2]
 FORBIDDEN = {
@@ -137,6 +138,18 @@ def test_no_part_imports_what_stands_above_it(folder: str) -> None:
         if part != other and part in ranked and height[part] <= height[other]
     ]
     assert bad == []
+
+
+def test_a_module_of_the_tests_has_one_name() -> None:
+    """Imported by two names, it would be two modules: what one is told, the other would not know."""
+    parts = {path.name for path in (ROOT / "tests").iterdir()}
+    # A script that is run by itself finds what lies beside it.
+    double = [
+        path
+        for path in (ROOT / "tests").rglob("*.py")
+        if any(not path.with_name(f"{part}.py").exists() for part in imported_packages(path) & parts)
+    ]
+    assert not double
 
 
 def test_no_folder_has_more_modules_than_can_be_taken_in_at_a_glance() -> None:

@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from support.syntax import nodes_of, syntax_tree
+
+from tests.support.syntax import nodes_of, syntax_tree
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = ("app", "planners", "workers")

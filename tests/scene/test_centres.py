@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from geometry.mesh_shapes import angle, file_of
 
 from app.task_intake import accept_task
 from planners.cell.cell import load_cells
@@ -18,6 +17,7 @@ from planners.planning import stated_bodies
 from planners.scene.scene import build_scene, with_centres
 from planners.scene.solid import solid_of
 from planners.scene.suction_tool import known_tools, load_tool
+from tests.geometry.mesh_shapes import angle, file_of
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 TOP = 1.094

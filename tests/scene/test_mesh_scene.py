@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from geometry.mesh_shapes import angle, file_of
 
 from planners.cell.cell import load_cells
 from planners.contract.shapes import Mesh
@@ -18,6 +17,7 @@ from planners.scene.clashes import BodiesOverlap
 from planners.scene.scene import build_scene
 from planners.scene.shape_source import ShapeSource
 from planners.scene.solid import MeshSolid
+from tests.geometry.mesh_shapes import angle, file_of
 
 TASKS = Path(__file__).parents[2] / "assets/tasks"
 TOP = 1.094

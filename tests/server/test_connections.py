@@ -21,11 +21,11 @@ import pytest
 from starlette.responses import PlainTextResponse
 from starlette.types import Receive, Scope, Send
 from structlog.testing import capture_logs
-from support.service import FAKE_SOLVER, ROOT, wait_for
-from support.serving import answering, served
 
 from app.server.connections import AcceptFailures, connections_within
 from app.settings import ServiceSettings
+from tests.support.service import FAKE_SOLVER, ROOT, wait_for
+from tests.support.serving import answering, served
 
 MOST = 16
 HEAD_SECONDS = 0.5

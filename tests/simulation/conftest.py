@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from support.plan_shelf import PlanShelf
-from support.service import task
 
 from planners.contract.task_spec import read_task
 from planners.plan.plan import Plan
@@ -16,6 +14,8 @@ from planners.plan.segment import Segment
 from planners.plan.simulation import LiftSimulation
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import task
 from workers.simulation.simulate import simulate_lift
 
 SHORTEST = "pb1"

@@ -8,9 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulation.conftest import SHORTEST, Run
-from support.scaled_cell import OWN, scaled_cell, scaled_task
-from support.service import task
 
 from planners.cell.cell_size import pad_stiffness, tip_stiffness
 from planners.contract.task_spec import read_task
@@ -21,7 +18,10 @@ from planners.progress import silent
 from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import task_body
+from tests.simulation.conftest import SHORTEST, Run
 from tests.simulation.node_tolerance import largest_excess
+from tests.support.scaled_cell import OWN, scaled_cell, scaled_task
+from tests.support.service import task
 from workers.simulation.lift_reference import LiftReference
 from workers.simulation.settings import SimulationSettings
 from workers.simulation.simulate import simulate_lift

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulation.conftest import execute, squeezing
-from support.plan_shelf import PlanShelf
 
 from planners.plan.simulation import LiftSimulation
 from planners.progress import silent
+from tests.simulation.conftest import execute, squeezing
 from tests.simulation.node_tolerance import largest_excess
+from tests.support.plan_shelf import PlanShelf
 from workers.simulation.lift_reference import LiftReference
 from workers.simulation.settings import SimulationSettings
 from workers.simulation.simulate import simulate_lift

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulation.conftest import squeezing, tampered
-from support.plan_shelf import PlanShelf
 
 from planners.contract.task_spec import SuctionToolTask, read_task
 from planners.geometry.pose import rotation_y, rotation_z, transform
@@ -20,6 +18,8 @@ from planners.plan.simulation import ToolSimulation
 from planners.progress import silent
 from planners.scene.scene import build_scene
 from planners.scene.tool_scene import SuctionToolScene, build_tool_scene
+from tests.simulation.conftest import squeezing, tampered
+from tests.support.plan_shelf import PlanShelf
 from workers.simulation.holds import Endurance
 from workers.simulation.settings import EnduranceSettings, ToolSimulationSettings, TruthSettings
 from workers.simulation.simulate import simulate_plan, simulate_tool

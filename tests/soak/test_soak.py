@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.postgres import needs_postgres
-from support.service import FAKE_SOLVER, task
 
 from tests.benchmarks.attempt_file import AttemptFile
 from tests.benchmarks.soak import SoakFigures, SoakRound, SoakSettings, soak
+from tests.support.postgres import needs_postgres
+from tests.support.service import FAKE_SOLVER, task
 
 
 def body(number: int) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
-from support.samples import among
 
 from planners import read_task, solve
 from planners.contract.task_spec import PlateLiftTask
@@ -22,6 +21,7 @@ from planners.scene.scene import build_scene
 from planners.study.examine import PointExaminer
 from planners.study.study import Study
 from planners.study.study_map import StudyMap, StudyPoint
+from tests.support.samples import among
 from workers.solver.pipeline import Pipeline
 
 TASKS = Path(__file__).parents[2] / "assets" / "tasks"

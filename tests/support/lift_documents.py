@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from support.documents import bodies_of, cell_of
 
 from planners.cell.cell import Cell
 from planners.contract.task_spec import read_task, write_task
 from planners.plan.scenery import JOINT_NAMES
+from tests.support.documents import bodies_of, cell_of
 from workers.simulation.recording import LIFT_UNITS
 
 SOFTWARE = {"name": "liftwright", "version": "0.1.0", "commit": None}

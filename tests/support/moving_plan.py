@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from support.documents import plan_of
-from support.lift_documents import lift_document, segment
 
 from planners.cell.cell import load_cell
 from planners.contract.arrays import ArmName
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
+from tests.support.documents import plan_of
+from tests.support.lift_documents import lift_document, segment
 
 START = np.array([0.2, -1.2, -1.6, -2.0, 1.5, 0.3, -0.2, -1.9, 1.6, -1.1, -1.5, 0.1])
 WAYS = np.array([0.5, -0.3, 0.4, 0.6, -0.5, 0.8, -0.4, 0.3, -0.5, 0.2, 0.6, -0.7])

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 from playwright.sync_api import Page
-from support.browser import LOADING_MILLISECONDS
-from support.service import wait_for
+
+from tests.support.browser import LOADING_MILLISECONDS
+from tests.support.service import wait_for
 
 PICTURE_SECONDS = 90.0
 """On a busy machine."""

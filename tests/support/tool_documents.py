@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from support.documents import bodies_of, cell_of
-from support.lift_documents import SOFTWARE, segment
 
 from planners.cell.cell import Cell
 from planners.contract.task_spec import read_task, write_task
 from planners.plan.scenery import JOINT_NAMES
+from tests.support.documents import bodies_of, cell_of
+from tests.support.lift_documents import SOFTWARE, segment
 from workers.simulation.recording import TOOL_UNITS
 
 CUP = {"radius": 0.0175, "max_force": 20.0, "mu": 0.5, "kappa": 4.5}

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from support.own_cell import JAWS, furnished, furnished_files, own_robot, station, written, zipped
 
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, known_cells, load_cell
@@ -27,6 +26,7 @@ from planners.survey.faults import (
     surveyed,
 )
 from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
+from tests.support.own_cell import JAWS, furnished, furnished_files, own_robot, station, written, zipped
 
 
 def bundle(**mount: object) -> CellBundle:

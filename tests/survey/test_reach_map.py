@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.own_cell import station, written
-from support.samples import sample
 
 from planners.cell.bundle import CellBundle
 from planners.cell.cell import Cell, load_cell
@@ -29,6 +27,8 @@ from planners.survey.reach_map import (
 )
 from planners.survey.survey import CellSurvey
 from tests.cell.cell_probe import cell_frames, fcl_distance, fcl_object
+from tests.support.own_cell import station, written
+from tests.support.samples import sample
 
 COARSE = ReachMapSettings(columns=14, rolls=4)
 MIRRORED = {"left": "right", "right": "left", "down and left": "down and right", "down and right": "down and left"}

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.lift_documents import lift_document
-from support.plan_shelf import PlanShelf
 
 from planners.cell.cell import Cell, load_cell
+from tests.support.lift_documents import lift_document
+from tests.support.plan_shelf import PlanShelf
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,9 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS.parent), str(TESTS)]
 
-from support.browser import running_browser, wait_for_plan  # noqa: E402
-from support.service import finished, running_service, task  # noqa: E402
-
+from tests.support.browser import running_browser, wait_for_plan  # noqa: E402
 from tests.support.scan_frames import shipped  # noqa: E402
+from tests.support.service import finished, running_service, task  # noqa: E402
 
 DOCS = TESTS.parent / "docs"
 WINDOW: ViewportSize = {"width": 1366, "height": 768}

@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
-from support.plan_shelf import PlanShelf
-from support.samples import among
-from support.service import ServiceProcess, finished, running_service, task
+
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import among
+from tests.support.service import ServiceProcess, finished, running_service, task
 
 CAMERA = [1.5, -1.25, 1.75, 0.25, 0.0, 1.125]
 NEAR = 2e-3

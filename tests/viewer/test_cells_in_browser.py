@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, Route, expect
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
-from support.own_cell import station, station_files, written, zipped
-from support.service import FAKE_SOLVER, ServiceProcess, running_service
+
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
+from tests.support.own_cell import station, station_files, written, zipped
+from tests.support.service import FAKE_SOLVER, ServiceProcess, running_service
 
 SHOWN_MILLISECONDS = 200.0
 """In which a page shows what it was answered."""

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.documents import plan_of
-from support.lift_documents import contact, lift, segment, set_curve, simulation
 
 from app.viewer.description.charts import Chart, Series, marked_spans, planned_charts, simulated_charts
 from planners.geometry.pose import Array
+from tests.support.documents import plan_of
+from tests.support.lift_documents import contact, lift, segment, set_curve, simulation
 
 
 def charts(document: dict[str, Any]) -> list[Chart]:

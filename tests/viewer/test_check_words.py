@@ -5,10 +5,9 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from support.syntax import syntax_tree
-
 import planners.certify
 from app.check_words import CHECK_WORDS
+from tests.support.syntax import syntax_tree
 
 
 def literals() -> set[str]:

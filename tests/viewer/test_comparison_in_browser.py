@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page, ViewportSize, expect
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
-from support.plan_shelf import PlanShelf
-from support.samples import sample
-from support.service import ServiceProcess, finished, running_service, task
+
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import sample
+from tests.support.service import ServiceProcess, finished, running_service, task
 
 WINDOW: ViewportSize = {"width": 900, "height": 600}
 PIXELS_PER_POINT = 0.5

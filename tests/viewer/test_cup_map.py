@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from support.service import task
 
 from app.viewer.drawing.cup_map import LIFTED, MOST_PIXELS, CupMap, cup_places, is_of_study, picture_of_tiles
 from planners.geometry.pose import from_pose7
 from planners.plan.plan import Plan
 from planners.study.study import Study
 from planners.study.study_map import StudyMap, StudyPoint
+from tests.support.service import task
 
 X = {"pointer": "/cup/position/0", "min": -0.1, "max": 0.1, "count": 3}
 Y = {"pointer": "/cup/position/1", "values": [-0.05, 0.0, 0.1, 0.12]}

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
-from support.plan_shelf import PlanShelf
-from support.samples import among, sample
-from support.scene_pictures import settled
-from support.service import ServiceProcess, finished, running_service, task, unsolved_task
 
 from app.viewer.palette import MEANINGS
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import among, sample
+from tests.support.scene_pictures import settled
+from tests.support.service import ServiceProcess, finished, running_service, task, unsolved_task
 
 REQUESTED, LEAST = 0.1, 0.04
 SQUEEZE = 60.0

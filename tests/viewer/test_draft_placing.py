@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from support.service import TASKS, task
 
 from app.task_intake import accept_task
 from app.viewer.editor.draft import PLATE, Draft, cell_of, read_draft
@@ -21,6 +20,7 @@ from planners.errors import SceneError
 from planners.geometry.pose import from_pose7, rotation_x, rotation_z, transform
 from planners.scene.shape_source import ShapeSource
 from planners.scene.suction_tool import SuctionTool, load_tools
+from tests.support.service import TASKS, task
 
 NONSENSE: tuple[Any, ...] = (None, "x", -1, [], {}, [None] * 7, [1e9] * 7, True)
 

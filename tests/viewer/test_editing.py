@@ -14,8 +14,6 @@ import httpx
 import pytest
 import websockets
 from starlette.websockets import WebSocketDisconnect
-from support.scan_frames import shipped
-from support.service import FAKE_SOLVER, ServiceProcess, running_service, task
 from websockets.sync.client import ClientConnection, connect
 
 from app.viewer.editor.draft_scene import Chosen
@@ -23,6 +21,8 @@ from app.viewer.editor.editing import Judged, News, Workshop, _Editing, edit
 from app.viewer.watch import MOST_UNSENT, PageAnswer
 from planners.geometry.pose import from_pose7
 from planners.scene.shape_source import no_uploads
+from tests.support.scan_frames import shipped
+from tests.support.service import FAKE_SOLVER, ServiceProcess, running_service, task
 
 
 @pytest.fixture(scope="module")

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize, expect
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
-from support.plan_shelf import PlanShelf
-from support.samples import sample
-from support.service import ServiceProcess, finished, running_service, task
 
 from app.viewer.drawing.camera import DRAFT_VIEW, FIELD_OF_VIEW
 from app.viewer.editor.draft import cell_of
 from planners.cell.cell import load_cell
 from planners.geometry.pose import Array
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import sample
+from tests.support.service import ServiceProcess, finished, running_service, task
 
 WINDOW: ViewportSize = {"width": 960, "height": 600}
 PIXELS_PER_POINT = 0.5

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from support.documents import plan_of
-from support.lift_documents import contact, segment
 
 from app.viewer.drawing.body_drawing import MOST_LETTERS, Stage, shortened
 from app.viewer.drawing.link_meshes import LinkMeshes
 from app.viewer.drawing.plan_scene import PlanScene
 from app.viewer.playback import Playback
 from planners.cell.cell import Cell
+from tests.support.documents import plan_of
+from tests.support.lift_documents import contact, segment
 
 PULL, WEIGHT = 12.3, 27.0
 

@@ -12,8 +12,6 @@ import pytest
 import trimesh
 import viser
 from scipy.spatial import KDTree
-from support.plan_shelf import PlanShelf
-from support.samples import among
 
 from app.viewer.drawing import link_meshes
 from app.viewer.drawing.body_drawing import ArmDrawing, Drawings, link_files
@@ -22,6 +20,8 @@ from planners.cell.asset_files import CylinderLinkFile, LinkFile, MeshFile, Mesh
 from planners.cell.asset_shelf import shipped_shelf
 from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import transform
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import among
 
 LIGHT_SHARE = 0.4
 """Of the bytes of a full drawing, that a light one takes at most."""

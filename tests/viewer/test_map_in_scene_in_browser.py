@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize, expect
-from support.browser import flawless_page, needs_browser, running_browser
-from support.plan_shelf import PlanShelf
-from support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
-from support.service import FAKE_EXAMINER, ServiceProcess, finished, running_service, task
 
 from app.pictures.study_picture import FULL_RESERVE
 from app.viewer.drawing.camera import FIELD_OF_VIEW
 from planners.geometry.pose import Array, from_pose7
+from tests.support.browser import flawless_page, needs_browser, running_browser
+from tests.support.plan_shelf import PlanShelf
+from tests.support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
+from tests.support.service import FAKE_EXAMINER, ServiceProcess, finished, running_service, task
 
 pytestmark = [needs_browser, pytest.mark.slow]
 WINDOW: ViewportSize = {"width": 960, "height": 640}

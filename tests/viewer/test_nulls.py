@@ -11,10 +11,6 @@ import numpy as np
 import pytest
 import viser
 from pydantic import ValidationError
-from support.documents import plan_of
-from support.lift_documents import contact, lift, segment, simulation
-from support.samples import among
-from support.tool_documents import GRIP, OTHER, hold, tool_document, tool_simulation
 
 from app.summary import summarise
 from app.viewer.drawing.body_drawing import Stage
@@ -24,6 +20,10 @@ from app.viewer.page import describe_plan
 from app.viewer.playback import Playback
 from planners.cell.cell import Cell, load_cell
 from planners.plan.plan import plan_schema
+from tests.support.documents import plan_of
+from tests.support.lift_documents import contact, lift, segment, simulation
+from tests.support.samples import among
+from tests.support.tool_documents import GRIP, OTHER, hold, tool_document, tool_simulation
 
 SCHEMA = plan_schema()
 NULL = {"type": "null"}

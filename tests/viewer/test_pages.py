@@ -10,7 +10,8 @@ from pathlib import Path
 import httpx
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
-from support.browser import (
+
+from tests.support.browser import (
     LOADING_MILLISECONDS,
     WINDOWS,
     draw_no_scene,
@@ -20,9 +21,9 @@ from support.browser import (
     serious_findings,
     wait_for_plan,
 )
-from support.plan_shelf import PlanShelf
-from support.samples import among, sample
-from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import among, sample
+from tests.support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 
 PLANS = ("ab1", "pb1_weak_cup")
 """Shipped tasks: a lift with its simulation, and one that cannot be."""

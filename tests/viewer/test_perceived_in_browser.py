@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
-from support.samples import sample
-from support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
-from support.service import FAKE_SOLVER, ServiceProcess, running_service
 
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
+from tests.support.samples import sample
 from tests.support.scan_frames import shipped
+from tests.support.scene_pictures import settled, wait_until_it_differs, wait_until_it_is_as_before
+from tests.support.service import FAKE_SOLVER, ServiceProcess, running_service
 
 LAYERS = {"points": 2e-3, "models": 2e-3, "tool": 1e-3, "robot": 2e-3}
 """Share of the picture that each one covers at least."""

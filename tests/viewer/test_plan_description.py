@@ -7,10 +7,10 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from support.documents import plan_of
-from support.lift_documents import lift, segment, simulation
 
 from app.viewer.page import describe_plan
+from tests.support.documents import plan_of
+from tests.support.lift_documents import lift, segment, simulation
 
 
 def described(document: dict[str, Any]) -> dict[str, Any]:

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
-from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
+
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser
+from tests.support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 
 PAGE = 50
 """Plans on a page of the list."""

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from support.documents import plan_of
-from support.lift_documents import contact, segment, set_curve, simulation
 
 from app.viewer.drawing.contact_forces import by_hand
 from app.viewer.playback import Playback
 from planners.plan.timeline import ContactForce, Moment
+from tests.support.documents import plan_of
+from tests.support.lift_documents import contact, segment, set_curve, simulation
 
 GRIP = {"arm": "right", "body": "plate", "pose": [0.0, -0.13, 0.0, 1.0, 0.0, 0.0, 0.0], "width": 0.04}
 PUSH = {"arm": "left", "body": "plate", "point": [-0.1, 0.15, 0.0], "normal": [0.0, -1.0, 0.0]}

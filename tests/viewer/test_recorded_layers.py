@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from support.documents import plan_of
-from support.tool_documents import CUP, tool_document
 
 from app.viewer.drawing.body_drawing import Stage
 from app.viewer.drawing.link_meshes import LinkMeshes
 from app.viewer.drawing.plan_scene import FIRST_LAYERS, LAYERS, Gate, PlanScene
 from app.viewer.playback import Playback
 from planners.cell.cell import Cell, load_cell
+from tests.support.documents import plan_of
+from tests.support.tool_documents import CUP, tool_document
 
 TIMES = (0.0, 0.15, 1.4)
 """The two objects are moved one after the other [s]."""

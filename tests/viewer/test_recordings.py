@@ -14,14 +14,14 @@ from typing import Any
 
 import httpx
 import pytest
-from support.service import FAKE_SOLVER, finished, task, wait_for
-from support.serving import served
 
 from app.errors import TooManyRecordings
 from app.resources.recordings import Recordings
 from app.settings import ServiceSettings
 from app.viewer.scene_servers import SceneServers
 from app.work.wanted import NobodyWaits, StillWanted
+from tests.support.service import FAKE_SOLVER, finished, task, wait_for
+from tests.support.serving import served
 from workers.stores.plan_store import StoredDocument
 
 WAITING = 3

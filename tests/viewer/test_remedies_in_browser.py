@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Page, expect
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
-from support.plan_shelf import PlanShelf
-from support.service import ServiceProcess, finished, running_service, task
+
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
+from tests.support.plan_shelf import PlanShelf
+from tests.support.service import ServiceProcess, finished, running_service, task
 
 UNSOLVED, SOLVED = "pb1_weak_cup", "ab1"
 """Shipped tasks: the solver answers a task by its `external_id`, which the first remedy changes too."""

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.browser import needs_browser, running_browser, wait_for_plan
-from support.moving_plan import DURATION, moving_plan
 
 from app.cli.output import BadInput
 from app.cli.replay_command import replay_files
@@ -19,6 +17,8 @@ from app.viewer.playback import Playback
 from planners.kinematics.forward import flange_pose_of_plan
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
+from tests.support.browser import needs_browser, running_browser, wait_for_plan
+from tests.support.moving_plan import DURATION, moving_plan
 from workers.robot.execution_log import ExecutedMotion, NotALog
 
 STEP = 0.02

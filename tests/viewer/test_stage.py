@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from support.documents import plan_of
-from support.scaled_cell import scaled_cell
 
 from app.viewer.drawing.link_meshes import FULL, LIGHT, LinkMeshes
 from app.viewer.drawing.plan_scene import NAME_GAP
 from app.viewer.playback import Playback
 from app.viewer.scene_servers import SceneServer
 from planners.cell.cell import Cell
+from tests.support.documents import plan_of
+from tests.support.scaled_cell import scaled_cell
 
 
 class CountedMeshes(LinkMeshes):

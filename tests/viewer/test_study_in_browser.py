@@ -9,12 +9,12 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from support.browser import draw_no_scene, flawless_page, looks, needs_browser, running_browser, serious_findings
-from support.samples import sample
-from support.service import FAKE_EXAMINER, FAKE_SOLVER, task
-from support.serving import served
 
 from app.settings import ServiceSettings
+from tests.support.browser import draw_no_scene, flawless_page, looks, needs_browser, running_browser, serious_findings
+from tests.support.samples import sample
+from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, task
+from tests.support.serving import served
 
 pytestmark = needs_browser
 X = {"pointer": "/cup/position/0", "min": -0.1, "max": 0.1, "count": 5}

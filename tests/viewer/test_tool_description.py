@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 import viser
-from support.documents import plan_of
-from support.tool_documents import CUP, OBJECTS, OTHER, REACH, TOUCH, hold, tool_document, tool_simulation
 
 from app.viewer.drawing.body_drawing import Stage
 from app.viewer.drawing.considered_signs import reason_colours
@@ -20,6 +18,8 @@ from app.viewer.drawing.plan_scene import PlanScene
 from app.viewer.page import describe_plan
 from app.viewer.playback import Playback, objects_of_segments
 from planners.cell.cell import Cell, load_cell
+from tests.support.documents import plan_of
+from tests.support.tool_documents import CUP, OBJECTS, OTHER, REACH, TOUCH, hold, tool_document, tool_simulation
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ from pathlib import Path
 import httpx
 import pytest
 import websockets.exceptions
-from support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 from websockets.sync.client import connect
 
 from tests.support.scan_frames import shipped
+from tests.support.service import FAKE_SOLVER, ServiceProcess, finished, running_service, task
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,12 @@ from typing import Any
 import httpx
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize
-from support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
-from support.plan_shelf import PlanShelf
-from support.samples import sample
-from support.scene_pictures import LAYER_SHARE, settled, wait_until_it_differs, wait_until_it_is_as_before
-from support.service import ServiceProcess, finished, running_service, task, wait_for
+
+from tests.support.browser import LOADING_MILLISECONDS, draw_no_scene, needs_browser, running_browser, wait_for_plan
+from tests.support.plan_shelf import PlanShelf
+from tests.support.samples import sample
+from tests.support.scene_pictures import LAYER_SHARE, settled, wait_until_it_differs, wait_until_it_is_as_before
+from tests.support.service import ServiceProcess, finished, running_service, task, wait_for
 
 WINDOW: ViewportSize = {"width": 960, "height": 640}
 PIXELS_PER_POINT = 0.5

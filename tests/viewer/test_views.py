@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.documents import bodies_of
-from support.scaled_cell import scaled_cell
 
 from app.viewer.drawing.camera import FIELD_OF_VIEW, NO_OBSTACLES, VIEWS
 from planners.cell.cell import known_cells, load_cell
 from planners.geometry.pose import Array
 from planners.kinematics.forward import flange_pose
+from tests.support.documents import bodies_of
+from tests.support.scaled_cell import scaled_cell
 
 LAPTOP = 900.0 / 442.0
 """Width over height of the scene on a screen of 1366 x 768."""

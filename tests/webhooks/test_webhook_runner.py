@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 from sqlalchemy import event
-from support.accepted import accept
-from support.service import task
 
+from tests.support.accepted import accept
+from tests.support.service import task
 from workers.settings import WorkerSettings
 from workers.stores.database import Database, open_database
 from workers.stores.job_queue import JobQueue

@@ -9,13 +9,13 @@ from typing import Any
 import httpx
 import pytest
 from standardwebhooks.webhooks import Webhook
-from support.receiver import Receiver, running_receiver
-from support.service import FAKE_SOLVER, task, wait_for
-from support.serving import served
 
 from app.access.caller import Scope
 from app.cli.keys_command import issue_key
 from app.settings import ServiceSettings
+from tests.support.receiver import Receiver, running_receiver
+from tests.support.service import FAKE_SOLVER, task, wait_for
+from tests.support.serving import served
 
 
 @pytest.fixture(scope="module")

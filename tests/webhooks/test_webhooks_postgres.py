@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from standardwebhooks.webhooks import Webhook
-from support.postgres import needs_postgres, running_postgres
-from support.receiver import running_receiver
-from support.service import FAKE_SOLVER, running_service, task, wait_for
-from support.worker import WorkerProcess
+
+from tests.support.postgres import needs_postgres, running_postgres
+from tests.support.receiver import running_receiver
+from tests.support.service import FAKE_SOLVER, running_service, task, wait_for
+from tests.support.worker import WorkerProcess
 
 
 @pytest.mark.slow

@@ -14,11 +14,6 @@ from typing import Any
 import httpx
 import psutil
 import pytest
-from support.lift_documents import lift_document
-from support.own_cell import station
-from support.scan_frames import shipped
-from support.service import finished, task, wait_for
-from support.serving import served
 
 from app.resources.cell_collection import look_at, survey_shelf
 from app.routes import cells, scenes
@@ -27,6 +22,11 @@ from app.viewer import scene_servers
 from planners.cell.cell import load_cell
 from planners.perception.perceive import perceive
 from tests.support import works
+from tests.support.lift_documents import lift_document
+from tests.support.own_cell import station
+from tests.support.scan_frames import shipped
+from tests.support.service import finished, task, wait_for
+from tests.support.serving import served
 
 SCAN = shipped()
 LIFT = "lift"

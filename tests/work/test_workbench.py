@@ -14,13 +14,13 @@ from typing import Any
 
 import psutil
 import pytest
-from support.service import ROOT, wait_for
 
 from app.errors import WorkDied, WorkTooLarge
 from app.work.wanted import NobodyWaits, StillWanted
 from app.work.workbench import Workbench, WorkError
 from planners.errors import SceneError
 from tests.support import works
+from tests.support.service import ROOT, wait_for
 
 MEMORY_BYTES = 1 << 30
 LARGE = 50_000_000

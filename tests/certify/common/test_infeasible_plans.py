@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import linprog
-from support.documents import certified
 
 from planners.certify import CellReference, RobotSurfaces
 from planners.certify.common.cones import StatedCup
 from planners.certify.common.infeasibility import largest_lift, stated_lift
 from planners.certify.geometry.body_shape import prism
 from planners.certify.lift.infeasibility import face_distances
+from tests.support.documents import certified
 
 Document = dict[str, Any]
 WIDE_OPEN = 0.085

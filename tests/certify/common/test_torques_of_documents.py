@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.documents import certified, evidence_of
-from support.samples import among
-from support.tool_plans import QUARTER, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Check
 from planners.certify.common.joint_torque import torque_check
 from planners.geometry.pose import Array, from_pose7
 from planners.kinematics.joint_torque import WeighedArm, joint_torques
 from planners.plan.scenery import CellDocument
+from tests.support.documents import certified, evidence_of
+from tests.support.samples import among
+from tests.support.tool_plans import QUARTER, block, planned, reference_of_the_tool_cell
 
 Document = dict[str, Any]
 NAME = "joint torque"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from support.pierced_plate import pierced_plate
 
 from planners.certify.geometry.cover import SealingDisc
 from planners.geometry.pose import Array
+from tests.support.pierced_plate import pierced_plate
 
 RADIUS = 0.018
 DISC = SealingDisc(RADIUS, give=1e-3, seam=1e-5)

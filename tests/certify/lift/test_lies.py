@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from support.documents import certified
-from support.samples import among
 
 from planners.certify import CellReference, Certificate, RobotSurfaces
 from planners.certify.motion.kinematics import ArmKinematics
 from planners.geometry.pose import from_pose7, inverse, rotation_x, rotation_z, to_pose7, transform
+from tests.support.documents import certified
+from tests.support.samples import among
 
 Document = dict[str, Any]
 TRANSIT, REACH, GRIP, PUSH, TILT, LIFT = range(6)

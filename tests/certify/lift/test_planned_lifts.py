@@ -10,8 +10,6 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 import pytest
-from support.documents import certified, evidence_of
-from support.samples import among
 
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact
 from planners.certify import CellReference, RobotSurfaces
@@ -23,6 +21,8 @@ from planners.planning import plan
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import task_body
 from tests.support.balance_statement import Plate, contact_frames, state_balance
+from tests.support.documents import certified, evidence_of
+from tests.support.samples import among
 
 Document = dict[str, Any]
 

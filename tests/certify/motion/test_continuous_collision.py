@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.documents import sent
-from support.samples import among
 
 from planners.cell.cell import Cell
 from planners.certify import CertifySettings, RobotSurfaces
@@ -20,6 +18,8 @@ from planners.certify.motion.segment_motion import SegmentMotion, motions_of
 from planners.certify.motion.solids import ConvexSolid, solids_of
 from planners.certify.plan_view import read_plan
 from planners.geometry.pose import Transform, rotation_from_vector, to_pose7, transform
+from tests.support.documents import sent
+from tests.support.samples import among
 
 Document = dict[str, Any]
 Distance = Callable[[ConvexSolid, Transform, ConvexSolid, Transform], float]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from support.documents import certified
 
 from planners.certify import RobotSurfaces
+from tests.support.documents import certified
 from tests.support.many_boxes import many_boxes
 from tests.support.tool_plans import planned, reference_of_the_tool_cell
 

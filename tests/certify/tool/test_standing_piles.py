@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
-from support.documents import certified
-from support.tool_plans import Document, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, RobotSurfaces
 from planners.certify.geometry.body_shape import BodyShape, box, mesh, prism
@@ -18,6 +16,8 @@ from planners.certify.plan_view import BodyView
 from planners.certify.tool.standing import least_shift
 from planners.geometry import polygon
 from planners.geometry.pose import Array, rotation_z, transform
+from tests.support.documents import certified
+from tests.support.tool_plans import Document, block, planned, reference_of_the_tool_cell
 
 TOUCH = 5e-4
 TABLE = 1.094

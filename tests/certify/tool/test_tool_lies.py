@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from geometry.mesh_shapes import angle
-from support.documents import certified
-from support.samples import among
-from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Certificate, RobotSurfaces
 from planners.contract.shapes import InlineMesh
 from planners.geometry.pose import Array, from_pose7, rotation_x, rotation_z, to_pose7, transform
 from planners.plan.plan import Plan
+from tests.geometry.mesh_shapes import angle
+from tests.support.documents import certified
+from tests.support.samples import among
+from tests.support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 POST = {"name": "post", "shape": {"type": "box", "size": [0.05, 0.05, 0.05]}, "pose": [0.7, 0.7, 1.12, 1, 0, 0, 0]}
 

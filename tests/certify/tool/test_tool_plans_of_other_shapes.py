@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.documents import certified
-from support.pierced_plate import pierced_plate
-from support.samples import sample
-from support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 from planners.certify import CellReference, Certificate, RobotSurfaces
 from planners.geometry.pose import from_pose7, rotation_x, rotation_z, to_pose7, transform
 from planners.geometry.solid_mesh import take_mesh
 from planners.plan.plan import Plan
+from tests.support.documents import certified
+from tests.support.pierced_plate import pierced_plate
+from tests.support.samples import sample
+from tests.support.tool_plans import QUARTER, Document, block, planned, reference_of_the_tool_cell
 
 OUTLINE = np.array([[0, 0], [0.12, 0], [0.12, 0.05], [0.05, 0.05], [0.05, 0.10], [0, 0.10]])
 """Of an L [m]."""
