@@ -1,4 +1,4 @@
-"""The balance program (5) as a cone program with a fixed sparsity, one for each contact structure.
+"""The balance program (5) as a cone program, one for each contact structure.
 
 Minimise `cost @ x` subject to `G x = -gravity` (5b) and `E x + e` in a product of cones (5c)-(5j). All variables
 are forces: torques are divided by the length that belongs to their contact (eps of a soft finger, the radius of
@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import clarabel
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from planners.balance.contacts import Friction, HandLimits
+from planners.balance.interior_point import INFEASIBLE, Cones, factor, solve_cone_program, solve_factored
 from planners.balance.lifter import Lifter
 from planners.geometry.pose import Array
 
@@ -32,6 +33,8 @@ TIGHTENING = 1e-6
 """Every limit is solved this much inside [N], so that what rounding takes stays on the safe side ..."""
 CAREFUL_TIGHTENING = 2e-5
 """... and so much where that was not enough: forces of a squeeze are large, and so is what rounding takes."""
+_DAMPING = 1e-13
+"""Of the normal equations that close the balance, relative to their trace."""
 K_HAND = 1.0
 """k_gp, weight of f+_gp in (5a); the paper prints none."""
 K_SUCTION = 0.1
@@ -179,64 +182,8 @@ class Manner(Enum):
     """How a program is solved."""
 
     QUICK = "for the least effort"
-    CAREFUL = "for the least effort, every step's solution refined, farther inside the limits; takes half as long again"
+    CAREFUL = "for the least effort, by Clarabel, farther inside the limits; takes many times as long"
     CENTRAL = "for forces far from all limits, whatever the effort"
-
-
-class Sparsity(NamedTuple):
-    """Where a program's matrix, balance above the other rows, has entries, and where they are stored."""
-
-    pattern: sparse.csc_matrix
-    """(6 + m, size) of True."""
-    stored: NDArray[np.intp]
-    """(6 + m, size): the place of each entry among those stored, which run down the columns; -1 without."""
-
-    @classmethod
-    def of(cls, pattern: NDArray[np.bool_]) -> Self:
-        """Return the sparsity of a matrix that has entries where a pattern (6 + m, size) is True."""
-        stored = np.full(pattern.T.shape, -1)
-        stored[pattern.T] = np.arange(int(pattern.sum()))
-        return cls(sparse.csc_matrix(pattern), stored.T)
-
-
-class CompiledSolvers:
-    """Solvers by the shape of their programs: all numbers that limits change are written anew for every problem."""
-
-    def __init__(self) -> None:
-        self._sparsities: dict[tuple[int, bytes], Sparsity] = {}
-        self._known: dict[tuple[Manner, int, bytes, tuple[int, ...]], clarabel.DefaultSolver] = {}
-
-    def sparsity(self, pattern: NDArray[np.bool_]) -> Sparsity:
-        """Return the sparsity of a pattern (6 + m, size): programs with other limits have the same one."""
-        key = (len(pattern), pattern.tobytes())
-        known = self._sparsities.get(key)
-        if known is None:
-            known = self._sparsities[key] = Sparsity.of(pattern)
-        return known
-
-    def of(
-        self, manner: Manner, sparsity: Sparsity, cost: Array, b: Array, sizes: tuple[int, ...]
-    ) -> clarabel.DefaultSolver:
-        """Return the solver of a shape, compiled where it is new.
-
-        Args:
-            manner: how it solves.
-            sparsity: of the rows, from `sparsity`.
-            cost: (size,) of the variables.
-            b: (m,) any right side of the rows.
-            sizes: number of linear rows, then of the rows of each second-order cone.
-        """
-        key = (manner, id(sparsity), cost.tobytes(), sizes)
-        known = self._known.get(key)
-        if known is None:
-            kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(sizes[0])]
-            kinds += [clarabel.SecondOrderConeT(size) for size in sizes[1:]]
-            # The stored values do not matter for the sparsity; ones keep the first equilibration away from zeros.
-            ones, empty = sparsity.pattern.astype(float), sparse.csc_matrix((len(cost), len(cost)))
-            weighed = np.zeros_like(cost) if manner is Manner.CENTRAL else cost
-            settings = _solver_settings(refined=manner is Manner.CAREFUL)
-            known = self._known[key] = clarabel.DefaultSolver(empty, weighed, ones, b, kinds, settings)
-        return known
 
 
 class ConeProgram(NamedTuple):
@@ -256,19 +203,58 @@ class ConeProgram(NamedTuple):
     """Which variable is the cup's net pull."""
 
 
-class Template:
-    """One compiled cone program; `solve` writes new data into it. Not for use by two threads at once."""
+class Answer(NamedTuple):
+    """Forces that close the balance as well as they can, or what proves that there are none."""
 
-    def __init__(
-        self,
-        structure: Structure,
-        lifter: Lifter,
-        friction: Friction,
-        limits: HandLimits,
-        compiled: CompiledSolvers,
-    ) -> None:
+    infeasible: bool
+    """Whether the solver calls the program so."""
+    x: Array
+    """(size,) [N]; nothing where it is infeasible."""
+    z: Array
+    """(6 + m,) the dual of the rows: six of the balance, then the cones'."""
+    residual: Array
+    """(6,) what x leaves of (5b), torques over `TORQUE_LENGTH` [N]."""
+    slack: float
+    """How far x is inside the nearest untightened limit [N]."""
+    hands: Array
+    """(2, 6) the wrenches of gripper and stick, as the contact map gives them [N]."""
+
+
+class _ProgramPlaces(NamedTuple):
+    """Where a template's variables and rows stand, in numbers: -1 stands for what there is none of."""
+
+    bounding: int
+    """So many rows say that f+_gp is no less than any hand's effort. They come first, hold with equality at the largest
+    effort, and count as no limit."""
+    effort_cone: int
+    """The second-order cone that says the same of the gripper's net force."""
+    starts: NDArray[np.int64]
+    """Where the second-order cones begin among the rows, and the last one's end."""
+    effort: int
+    """Variable f+_gp."""
+    grip: tuple[int, int]
+    """The gripper's variables: first, and behind the last."""
+    push: tuple[int, int]
+
+
+class _Program(NamedTuple):
+    """A template in numbers."""
+
+    rows: Array
+    """(m, size), first linear rows, then second-order cones, head first."""
+    offsets: Array
+    """(m,) [N]."""
+    heads: Array
+    """(m,) 1 for linear rows and for heads of cones, and 0 for others: what is taken off when limits are tightened."""
+    cones: Cones
+    layout: _ProgramPlaces
+
+
+class Template:
+    """One cone program; `solve` writes new data into it. Not for use by two threads at once."""
+
+    def __init__(self, structure: Structure, lifter: Lifter, friction: Friction, limits: HandLimits) -> None:
         """State the program of one structure; the contacts' places come with `solve`."""
-        self._compiled = compiled
         self.columns = columns = Columns.of(structure, lifter, limits.squeeze)
         self.cost = np.zeros(columns.size)
         self.cost[columns.pull] = K_SUCTION
@@ -276,13 +262,22 @@ class Template:
         cones, nets = self._collect(lifter, friction, limits)
         if columns.hand_effort is not None:
             self.cost[columns.hand_effort] = K_HAND
-        self._linear = len(cones.linear)
         sizes = [len(offset) for _, offset in cones.second_order]
-        self._starts = self._linear + np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+        self._sizes = (len(cones.linear), *sizes)
+        starts = len(cones.linear) + np.cumsum([0, *sizes])
         self.rows = np.vstack([row for row, _ in cones.linear] + [block for block, _ in cones.second_order])
         self.offsets = np.concatenate([[bound for _, bound in cones.linear], *(o for _, o in cones.second_order)])
-        self._net_rows = [slice(self._starts[net] + 1, self._starts[net] + 4) for net in nets]
-        self._build(sizes)
+        self._net_rows = [slice(starts[net] + 1, starts[net] + 4) for net in nets]
+        self._free = np.zeros(columns.size)
+        pattern = self.rows != 0.0
+        for net in self._net_rows:
+            pattern[net, columns.grip] = True
+        heads = np.zeros(len(self.offsets))
+        heads[: self._sizes[0]] = heads[starts[:-1]] = 1.0
+        grip, push = ((0, 0) if each is None else (each.start, each.stop) for each in (columns.grip, columns.push))
+        effort = -1 if columns.hand_effort is None else columns.hand_effort
+        layout = _ProgramPlaces(self._bounding, self._effort_cone, starts, effort, grip, push)
+        self._program = _Program(self.rows, self.offsets, heads, Cones.of(pattern, self._sizes), layout)
 
     def _collect(self, lifter: Lifter, friction: Friction, limits: HandLimits) -> tuple[_Cones, list[int]]:
         """Gather (5c)-(5j); return them and the places of the cones of the gripper's net force, whose rows change.
@@ -328,91 +323,67 @@ class Template:
             nets.append(cones.norm_at_most(net, limits.grip))
         return nets
 
-    def _build(self, sizes: list[int]) -> None:
-        columns = self.columns
-        matrix = np.vstack([np.zeros((6, columns.size)), -self.rows])
-        pattern = matrix != 0.0
-        pattern[:6, : columns.wrench_size] = True
-        for rows in self._net_rows:
-            pattern[6 + rows.start : 6 + rows.stop, columns.grip] = True
-        self._sparsity = self._compiled.sparsity(pattern)
-        # Where the entries that `solve` writes are stored.
-        stored = self._sparsity.stored
-        self._values = matrix.T[pattern.T]
-        self._balance_at = stored[:6, : columns.wrench_size]
-        self._net_at = [stored[6 + rows.start : 6 + rows.stop, columns.grip] for rows in self._net_rows]
-        self._heads = np.zeros(6 + len(self.offsets))
-        self._heads[6 : 6 + self._linear] = 1.0
-        self._heads[6 + self._starts[:-1]] = 1.0
-        self._b = np.concatenate([np.zeros(6), self.offsets]) - TIGHTENING * self._heads
-        self._sizes = (self._linear, *sizes)
-        self._solvers: dict[Manner, clarabel.DefaultSolver] = {}
-
-    def solve(
-        self, contact_map: Array, gravity: Array, squeezed: Array, manner: Manner = Manner.QUICK
-    ) -> tuple[bool, Array, Array]:
+    def solve(self, contact_map: Array, load: Array, squeezed: Array, manner: Manner = Manner.QUICK) -> Answer:
         """Solve with new data.
 
         Args:
-            contact_map: G of (5b), (6, wrench_size), to wrenches in plate axes about the centre of mass.
-            gravity: Omega_g, (6,), in the same axes.
-            squeezed: (6,), likewise, what the fingers exert when all variables are zero; nothing if they are opposite.
+            contact_map: G of (5b), (6, wrench_size), to wrenches in plate axes about the centre of mass, torques over
+                `TORQUE_LENGTH` [N]; so are the others.
+            load: (6,), what it has to make of the variables.
+            squeezed: (6,), what the fingers exert when all variables are zero; nothing if they are opposite.
             manner: What is sought, and how.
-
-        Returns:
-            Whether the solver calls it infeasible; x; and the dual z of the rows, six of the balance, then the cones'.
         """
-        self._values[self._balance_at[:3]] = contact_map[:3]
-        self._values[self._balance_at[3:]] = contact_map[3:] / TORQUE_LENGTH
-        for rows, at in zip(self._net_rows, self._net_at, strict=True):
-            net = contact_map[:3, self.columns.grip]
-            self.rows[rows, self.columns.grip] = net
-            self._values[at] = -net
-            self.offsets[rows] = self._b[6 + rows.start : 6 + rows.stop] = squeezed[:3]
-        given = gravity + squeezed
-        self._b[:3] = -given[:3]
-        self._b[3:6] = -given[3:] / TORQUE_LENGTH
-        solver = self._solver(manner)
-        b = self._b - (CAREFUL_TIGHTENING - TIGHTENING) * self._heads if manner is Manner.CAREFUL else self._b
-        # Lists cross over to the solver faster than arrays.
-        solver.update(A=self._values.tolist(), b=b.tolist())
-        solution = solver.solve()
+        self._set_nets(contact_map, squeezed)
+        if manner is Manner.CAREFUL:
+            infeasible, x, z = self._by_clarabel(contact_map, load)
+            return Answer(infeasible, x, z, *self.closed(x, contact_map, load, squeezed))
+        cost = self._free if manner is Manner.CENTRAL else self.cost
+        return Answer(*_solved(contact_map, load, squeezed, cost, self._program))
+
+    def _set_nets(self, contact_map: Array, squeezed: Array) -> None:
+        """Write the rows of the gripper's net force."""
+        for net in self._net_rows:
+            self.rows[net, self.columns.grip] = contact_map[:3, self.columns.grip]
+            self.offsets[net] = squeezed[:3]
+
+    def _by_clarabel(self, contact_map: Array, load: Array) -> tuple[bool, Array, Array]:
+        """Solve farther inside the limits; return whether it is infeasible, x and z."""
+        settings = clarabel.DefaultSettings()
+        settings.verbose = settings.presolve_enable = settings.chordal_decomposition_enable = False
+        settings.max_threads = 1
+        linear, *orders = self._sizes
+        kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(linear), *map(clarabel.SecondOrderConeT, orders)]
+        size = self.columns.size
+        balance = np.zeros((6, size))
+        balance[:, : self.columns.wrench_size] = contact_map
+        solution = clarabel.DefaultSolver(
+            sparse.csc_matrix((size, size)),
+            self.cost,
+            sparse.csc_matrix(np.vstack([balance, -self.rows])),
+            np.concatenate([load, self.offsets - CAREFUL_TIGHTENING * self._program.heads]),
+            kinds,
+            settings,
+        ).solve()
         infeasible = solution.status == clarabel.SolverStatus.PrimalInfeasible
         return infeasible, np.array(solution.x), np.array(solution.z)
 
-    def stated(self, contact_map: Array, gravity: Array, squeezed: Array) -> ConeProgram:
-        """Return the program in numbers, with nothing tightened; the arguments are those of `solve`."""
-        rows, offsets = self.rows.copy(), self.offsets.copy()
-        for net in self._net_rows:
-            rows[net, self.columns.grip] = contact_map[:3, self.columns.grip]
-            offsets[net] = squeezed[:3]
-        scale = np.repeat([1.0, 1.0 / TORQUE_LENGTH], 3)
-        balance = np.zeros((6, self.columns.size))
-        balance[:, : self.columns.wrench_size] = scale[:, None] * contact_map
-        return ConeProgram(balance, -scale * (gravity + squeezed), rows, offsets, self._sizes, self.columns.pull)
+    def closed(self, x: Array, contact_map: Array, load: Array, squeezed: Array) -> tuple[Array, float, Array]:
+        """Close the balance of forces x, in place; return `residual`, `slack` and `hands` of the answer.
 
-    def _solver(self, manner: Manner) -> clarabel.DefaultSolver:
-        solver = self._solvers.get(manner)
-        if solver is None:
-            solver = self._compiled.of(manner, self._sparsity, self.cost, self._b, self._sizes)
-            self._solvers[manner] = solver
-        return solver
-
-    def least_slack(self, x: Array) -> float:
-        """Return how far x, of the problem last solved, is inside the nearest untightened limit [N].
-
-        The rows that make f+_gp the largest effort of a hand hold with equality at the largest, and do not count.
+        The template must have solved a problem with the same contacts last; the load may be another one.
         """
-        return _least_slack(self.rows, self.offsets, x, self._bounding, self._effort_cone, self._starts)
+        return _closed(x, contact_map, load, squeezed, self._program)
+
+    def stated(self, contact_map: Array, load: Array, squeezed: Array) -> ConeProgram:
+        """Return the program in numbers, with nothing tightened; the arguments are those of `solve`."""
+        self._set_nets(contact_map, squeezed)
+        balance = np.zeros((6, self.columns.size))
+        balance[:, : self.columns.wrench_size] = contact_map
+        return ConeProgram(balance, load, self.rows.copy(), self.offsets.copy(), self._sizes, self.columns.pull)
 
     def room(self, x: Array) -> Array:
         """Return (size,): how far each variable of x may move alone, as far as the limits are linear near x [N]."""
-        return _room(self.rows, self.offsets, x, self._bounding, self._effort_cone, self._starts)
-
-    def effort(self, x: Array) -> float:
-        """Return the least f+_gp of the problem last solved: the largest effort of a hand [N]."""
-        nets = self._net_rows[0] if self._effort_cone >= 0 else slice(0, 0)
-        return _effort(self.rows, self.offsets, x, self._bounding, self.columns.effort, nets.start, nets.stop)
+        return _room(self.rows, self.offsets, x, self._program.layout)
 
     def net_multiplier(self, z: Array) -> Array:
         """Return the part of the dual z that bounds on the gripper's net force hold, (3,); zeros without a gripper."""
@@ -420,65 +391,142 @@ class Template:
 
 
 @njit(cache=True, nogil=True)
-def _least_slack(
-    rows: Array, offsets: Array, x: Array, skipped: int, skipped_cone: int, starts: NDArray[np.int64]
-) -> float:
-    """Return the least slack of the linear rows but the first, and of the cones but one, which begin at `starts`."""
-    least = np.inf
-    for row in range(skipped, starts[0]):
-        least = min(least, rows[row] @ x + offsets[row])
+def _solved(
+    contact_map: Array, load: Array, squeezed: Array, cost: Array, program: _Program
+) -> tuple[bool, Array, Array, Array, float, Array]:
+    """Solve a program, and close the balance of what comes out; what is returned is an `Answer`."""
+    balance = np.zeros((6, len(cost)))
+    balance[:, : contact_map.shape[1]] = contact_map
+    offsets = program.offsets - TIGHTENING * program.heads
+    status, x, y, z = solve_cone_program(balance, load, program.rows, offsets, cost, program.cones)
+    residual, slack, hands = _closed(x, contact_map, load, squeezed, program)
+    return status == INFEASIBLE, x, np.concatenate((y, z)), residual, slack, hands
+
+
+@njit(cache=True, nogil=True)
+def _closed(
+    x: Array, contact_map: Array, load: Array, squeezed: Array, program: _Program
+) -> tuple[Array, float, Array]:
+    """Move x by the least it takes to meet (5b) to rounding, in place; set f+_gp to the least that it may be.
+
+    Returns:
+        (6,) what is left of the load; the least slack; and the hands' wrenches (2, 6).
+    """
+    rows, offsets, layout = program.rows, program.offsets, program.layout
+    if not np.all(np.isfinite(x)):
+        x[:] = 0.0
+    residual = move_to_balance(x, contact_map, load, np.ones(len(x)), 2)
+    if layout.effort >= 0:
+        x[layout.effort] = _effort(rows, offsets, x, layout)
+    hands = np.zeros((2, 6))
+    for axis in range(6):
+        hands[0, axis] = squeezed[axis]
+        for column in range(layout.grip[0], layout.grip[1]):
+            hands[0, axis] += contact_map[axis, column] * x[column]
+        for column in range(layout.push[0], layout.push[1]):
+            hands[1, axis] += contact_map[axis, column] * x[column]
+    return residual, _least_slack(rows, offsets, x, layout), hands
+
+
+@njit(cache=True, nogil=True)
+def move_to_balance(x: Array, contact_map: Array, load: Array, room: Array, times: int) -> Array:
+    """Move x to meet (5b), in place, by the least in measures of the room that each variable has.
+
+    Args:
+        x: (size,).
+        contact_map: (6, k), of the first k variables.
+        load: (6,).
+        room: (size,).
+        times: twice for the last digits.
+
+    Returns:
+        (6,) what is left.
+    """
+    count = contact_map.shape[1]
+    residual, normal = load.copy(), np.zeros((6, 6))
+    for i in range(6):
+        for column in range(count):
+            residual[i] -= contact_map[i, column] * x[column]
+        for j in range(i + 1):
+            for column in range(count):
+                normal[i, j] += contact_map[i, column] * contact_map[j, column] * room[column] * room[column]
+    # A grain of damping for contacts that cannot exert every wrench.
+    damping = _DAMPING * np.trace(normal)
+    for i in range(6):
+        normal[i, i] += damping
+    factor(normal)
+    for _ in range(times):
+        twist = residual.copy()
+        solve_factored(normal, twist)
+        for column in range(count):
+            step = 0.0
+            for i in range(6):
+                step += contact_map[i, column] * twist[i]
+            step *= room[column] * room[column]
+            x[column] += step
+            for i in range(6):
+                residual[i] -= contact_map[i, column] * step
+    return residual
+
+
+@njit(cache=True, nogil=True)
+def _slack(rows: Array, offsets: Array, x: Array, start: int, end: int) -> float:
+    """Return how far the rows of a second-order cone are inside it [N]."""
+    square = 0.0
+    for row in range(start + 1, end):
+        square += _row(rows, offsets, x, row) ** 2
+    return _row(rows, offsets, x, start) - math.sqrt(square)
+
+
+@njit(cache=True, nogil=True)
+def _row(rows: Array, offsets: Array, x: Array, row: int) -> float:
+    total = offsets[row]
+    for column in range(len(x)):
+        total += rows[row, column] * x[column]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _least_slack(rows: Array, offsets: Array, x: Array, layout: _ProgramPlaces) -> float:
+    """Return the least slack of all limits, which are all rows but those that bound f+_gp from below."""
+    least, starts = np.inf, layout.starts
+    for row in range(layout.bounding, starts[0]):
+        least = min(least, _row(rows, offsets, x, row))
     for cone in range(len(starts) - 1):
-        if cone == skipped_cone:
-            continue
-        square = 0.0
-        for row in range(starts[cone] + 1, starts[cone + 1]):
-            square += (rows[row] @ x + offsets[row]) ** 2
-        head = starts[cone]
-        least = min(least, rows[head] @ x + offsets[head] - math.sqrt(square))
-    return float(least)
+        if cone != layout.effort_cone:
+            least = min(least, _slack(rows, offsets, x, starts[cone], starts[cone + 1]))
+    return least
 
 
 @njit(cache=True, nogil=True)
-def _effort(rows: Array, offsets: Array, x: Array, bounding: int, index: int, first: int, last: int) -> float:
-    """Return the largest effort that the first rows bound by the variable at an index, and the norm of some rows."""
-    largest, square = 0.0, 0.0
-    for row in range(bounding):
-        largest = max(largest, x[index] - rows[row] @ x)
-    for row in range(first, last):
-        square += (rows[row] @ x + offsets[row]) ** 2
-    return max(largest, math.sqrt(square))
+def _effort(rows: Array, offsets: Array, x: Array, layout: _ProgramPlaces) -> float:
+    """Return the least that f+_gp may be: the largest effort of a hand [N]."""
+    largest, now = 0.0, x[layout.effort]
+    for row in range(layout.bounding):
+        largest = max(largest, now - _row(rows, offsets, x, row))
+    if layout.effort_cone >= 0:
+        start, end = layout.starts[layout.effort_cone], layout.starts[layout.effort_cone + 1]
+        largest = max(largest, now - _slack(rows, offsets, x, start, end))
+    return largest
 
 
 @njit(cache=True, nogil=True)
-def _room(rows: Array, offsets: Array, x: Array, skipped: int, skipped_cone: int, starts: NDArray[np.int64]) -> Array:
-    """Return the room of each variable; the limits that do not count are those of `_least_slack`."""
-    room = np.full(x.shape[0], np.inf)
-    for row in range(skipped, starts[0]):
-        slack = max(0.0, rows[row] @ x + offsets[row])
+def _room(rows: Array, offsets: Array, x: Array, layout: _ProgramPlaces) -> Array:
+    """Return the room of each variable within the limits that `_least_slack` counts."""
+    room, starts = np.full(x.shape[0], np.inf), layout.starts
+    for row in range(layout.bounding, starts[0]):
+        slack = max(0.0, _row(rows, offsets, x, row))
         for column in range(x.shape[0]):
             if rows[row, column] != 0.0:
                 room[column] = min(room[column], slack / abs(rows[row, column]))
     for cone in range(len(starts) - 1):
-        if cone == skipped_cone:
+        if cone == layout.effort_cone:
             continue
-        square, head = 0.0, starts[cone]
-        for row in range(head + 1, starts[cone + 1]):
-            square += (rows[row] @ x + offsets[row]) ** 2
-        slack = max(0.0, rows[head] @ x + offsets[head] - math.sqrt(square))
+        slack = max(0.0, _slack(rows, offsets, x, starts[cone], starts[cone + 1]))
         for column in range(x.shape[0]):
-            length = abs(rows[head, column])
-            for row in range(head + 1, starts[cone + 1]):
+            length = 0.0
+            for row in range(starts[cone], starts[cone + 1]):
                 length = max(length, abs(rows[row, column]))
             if length > 0.0:
                 room[column] = min(room[column], slack / length)
     return room
-
-
-def _solver_settings(*, refined: bool) -> clarabel.DefaultSettings:
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.presolve_enable = False
-    settings.chordal_decomposition_enable = False
-    settings.iterative_refinement_enable = refined
-    settings.max_threads = 1
-    return settings

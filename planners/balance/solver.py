@@ -7,19 +7,19 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, UnbalanceProof, UnbalanceReason
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
 from planners.balance.cone_program import (
     TORQUE_LENGTH,
+    Answer,
     Columns,
-    CompiledSolvers,
     ConeProgram,
     Fingers,
     Manner,
     Structure,
     Template,
+    move_to_balance,
 )
 from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
@@ -37,12 +37,13 @@ MAX_RESIDUAL = 1e-9
 PROOF_MARGIN = 1e-7
 """A twist proves something when it loses more than this times the weight [m/s]: rounding is 1e-13 of it."""
 
-_DAMPING = 1e-13
-"""Of the normal equations that close the balance, relative to their trace."""
+_LENGTHS = np.repeat([1.0, TORQUE_LENGTH], 3)
+"""From torques over `TORQUE_LENGTH` to torques, in wrenches."""
+_PER_LENGTH = np.diag(1.0 / _LENGTHS)
 
 
 class Balance:
-    """The balance program of one plate with its cup. Keeps compiled programs: not for two threads at once."""
+    """The balance program of one plate with its cup. Keeps what programs share: not for two threads at once."""
 
     def __init__(
         self,
@@ -83,8 +84,6 @@ class Balance:
         self._lifter_model: LifterModel = lifter_model
         self._fingers = Fingers.of(self.limits.squeeze)
         self._templates: dict[Structure, Template] = {}
-        # What does not depend on limits is shared by all programs that were made of one.
-        self._compiled = CompiledSolvers()
         self._hand_maps: dict[GripContacts | PushContact, tuple[Array, Array]] = {}
         self._rest_maps: dict[tuple[bytes, bytes], Array] = {}
         self._cup_map = grasp_map(transform(cup.T_plate_cup[:3, :3], cup.T_plate_cup[:3, 3] - self.com))
@@ -108,7 +107,6 @@ class Balance:
             self._lifter_model,
             self._gravity,
         )
-        program._compiled = self._compiled
         if program.limits.squeeze == self.limits.squeeze and program.friction.eps == self.friction.eps:
             program._hand_maps = self._hand_maps
         if np.array_equal(program.cup.T_plate_cup, self.cup.T_plate_cup) and program.cup.radius == self.cup.radius:
@@ -152,7 +150,7 @@ class Balance:
         """Return (5b)-(5j) in numbers, for whoever changes them; the arguments are those of `solve`."""
         contacts = self._contacts(rotation_world_plate, environment_points, grip, push)
         contact_map, squeezed = self._contact_map(contacts)
-        return self._template(contacts.structure).stated(contact_map, contacts.gravity, squeezed)
+        return self._template(contacts.structure).stated(contact_map, contacts.load(squeezed), squeezed)
 
     def refusal(
         self,
@@ -187,14 +185,14 @@ class Balance:
     def _middle(self, contacts: _Contacts, contact_map: Array, squeezed: Array) -> tuple[Array, Array] | None:
         """Return forces (k,) far from all limits and how far each may move (k,) [N]; None if there are none."""
         template = self._template(contacts.structure)
-        infeasible, x, _ = template.solve(contact_map, contacts.gravity, squeezed, Manner.CENTRAL)
-        return None if infeasible or not np.all(np.isfinite(x)) else (x, template.room(x)[: contact_map.shape[1]])
+        answer = template.solve(contact_map, contacts.load(squeezed), squeezed, Manner.CENTRAL)
+        return None if answer.infeasible else (answer.x, template.room(answer.x))
 
     def _holds(self, contacts: _Contacts, contact_map: Array, squeezed: Array, near: tuple[Array, Array]) -> bool:
         """Tell whether forces that hold a similar plate keep within their limits when moved to hold this one."""
-        x, room = near[0].copy(), near[1]
-        _move_to_balance(x, contact_map, contacts.gravity + squeezed, room)
-        residual, slack = _closed(self._template(contacts.structure), contacts, contact_map, squeezed, x)
+        x, load = near[0].copy(), contacts.load(squeezed)
+        move_to_balance(x, contact_map, load, near[1], 1)
+        residual, slack, _ = self._template(contacts.structure).closed(x, contact_map, load, squeezed)
         return slack >= 0.0 and float(np.abs(residual).max()) <= MAX_RESIDUAL * self.weight
 
     def _answer(self, contacts: _Contacts, contact_map: Array, squeezed: Array) -> Balanced | Unbalanced:
@@ -208,8 +206,8 @@ class Balance:
     ) -> _Contacts:
         """Take the arguments of `solve`."""
         rotation = np.asarray(rotation, dtype=float)
-        up = np.ascontiguousarray(rotation[2])
-        gravity = np.concatenate([-self.weight * up, np.zeros(3)])
+        up, gravity = rotation[2].copy(), np.zeros(6)
+        gravity[:3] = -self.weight * up
         return _Contacts(rotation, np.asarray(points, dtype=float).reshape(-1, 3), grip, push, up, gravity)
 
     def _attempt(
@@ -217,15 +215,14 @@ class Balance:
     ) -> Balanced | Unbalanced:
         """Solve once. The solver's verdict only says what to check first; the checks decide."""
         template = self._template(contacts.structure)
-        infeasible, x, z = template.solve(contact_map, contacts.gravity, squeezed, manner)
+        answer = template.solve(contact_map, contacts.load(squeezed), squeezed, manner)
         proofs = []
-        if not infeasible:
-            residual, slack = _closed(template, contacts, contact_map, squeezed, x)
-            if slack >= 0.0 and np.abs(residual).max() <= MAX_RESIDUAL * self.weight:
-                return self._balanced(template, contacts, contact_map, x, slack)
+        if not answer.infeasible:
+            if answer.slack >= 0.0 and np.abs(answer.residual).max() <= MAX_RESIDUAL * self.weight:
+                return self._balanced(template, contacts, answer)
             # What no forces at all can close is square to them: a proof where the solver breaks down.
-            proofs.append(_proof_from_dual(residual, np.zeros(3)))
-        proofs.append(_proof_from_dual(z[:6], template.net_multiplier(z)))
+            proofs.append(_proof_from_dual(-answer.residual, np.zeros(3)))
+        proofs.append(_proof_from_dual(answer.z[:6], template.net_multiplier(answer.z)))
         if not len(contacts.points):
             proofs.append(UnbalanceProof(np.concatenate([contacts.up, np.zeros(3)]), contacts.up))
         return self._unbalanced(contacts, proofs)
@@ -237,7 +234,7 @@ class Balance:
     def _template(self, structure: Structure) -> Template:
         template = self._templates.get(structure)
         if template is None:
-            template = Template(structure, self.lifter, self.friction, self.limits, self._compiled)
+            template = Template(structure, self.lifter, self.friction, self.limits)
             self._templates[structure] = template
         return template
 
@@ -245,7 +242,8 @@ class Balance:
         """Assemble G of (5b), from the template's variables to wrenches in plate axes about the centre of mass.
 
         Returns:
-            G, and the wrench (6,) of the squeeze: zero where the fingers are exactly opposite.
+            G, and the wrench (6,) of the squeeze: zero where the fingers are exactly opposite; torques over
+            `TORQUE_LENGTH` [N].
         """
         blocks, squeezed = [], np.zeros(6)
         for hand in (contacts.grip, contacts.push):
@@ -261,50 +259,44 @@ class Balance:
         key = (contacts.up.tobytes(), contacts.points.tobytes())
         known = self._rest_maps.get(key)
         if known is None:
-            blocks = [self._cup_map @ self.lifter.contact_map(contacts.up)]
+            blocks = [_PER_LENGTH @ self._cup_map @ self.lifter.contact_map(contacts.up)]
             if len(contacts.points):
-                blocks.insert(0, _force_maps(contact_axes(contacts.up), contacts.points - self.com))
+                blocks.insert(0, _PER_LENGTH @ _force_maps(contact_axes(contacts.up), contacts.points - self.com))
             known = self._rest_maps[key] = np.concatenate(blocks, axis=1)
         return known
 
     def _hand_map(self, hand: GripContacts | PushContact) -> tuple[Array, Array]:
-        """Return the map (6, k) from a hand's variables to its wrench, and its wrench (6,) where they are all zero."""
+        """Return the map (6, k) from a hand's variables to its wrench, and its wrench (6,) where they are all zero.
+
+        Torques are over `TORQUE_LENGTH` [N].
+        """
         known = self._hand_maps.get(hand)
         if known is not None:
             return known
         if isinstance(hand, PushContact):
-            result = grasp_map(transform(hand.rotation, hand.point - self.com))[:, :3], np.zeros(6)
+            result = _PER_LENGTH @ grasp_map(transform(hand.rotation, hand.point - self.com))[:, :3], np.zeros(6)
         else:
             fingers = zip(hand.rotations, hand.points - self.com, strict=True)
             scale = np.array([1.0, 1.0, 1.0, self.friction.eps])
             block = np.concatenate([grasp_map(transform(R, p))[:, [0, 1, 2, 5]] * scale for R, p in fingers], axis=1)
+            block = _PER_LENGTH @ block
             result = block @ self._fingers.basis, block @ self._fingers.rest
         self._hand_maps[hand] = result
         return result
 
-    def _balanced(
-        self, template: Template, contacts: _Contacts, contact_map: Array, x: Array, least_slack: float
-    ) -> Balanced:
-        columns = template.columns
+    def _balanced(self, template: Template, contacts: _Contacts, answer: Answer) -> Balanced:
+        columns, x = template.columns, answer.x
         return Balanced(
             held=HeldPlate(contacts.rotation_world_plate, contacts.points, contacts.grip, contacts.push),
             contacts=columns.names,
             frames=partial(contacts.frames, self.cup),
             exerted=partial(self._wrenches, columns, contacts, x),
-            hand_wrenches=self._hand_wrenches(columns, contacts, contact_map, x),
+            hand_wrenches=answer.hands * _LENGTHS,
             objective=float(template.cost @ x),
             f_plus_gp=0.0 if columns.hand_effort is None else float(x[columns.hand_effort]),
             suction_force=float(x[columns.pull]),
-            least_slack=least_slack,
+            least_slack=answer.slack,
         )
-
-    def _hand_wrenches(self, columns: Columns, contacts: _Contacts, contact_map: Array, x: Array) -> Array:
-        """Sum up what each hand exerts, (2, 6), plate axes, about the centre of mass."""
-        totals = np.zeros((2, 6))
-        for hand, where, total in ((contacts.grip, columns.grip, totals[0]), (contacts.push, columns.push, totals[1])):
-            if hand is not None and where is not None:
-                total += contact_map[:, where] @ x[where] + self._hand_map(hand)[1]
-        return totals
 
     def _wrenches(self, columns: Columns, contacts: _Contacts, x: Array) -> Array:
         """Return the wrench of each contact in its own frame, (m, 6)."""
@@ -353,6 +345,10 @@ class _Contacts(NamedTuple):
     gravity: Array
     """(6,) Omega_g of (5b), plate axes, about the stated centre of mass."""
 
+    def load(self, squeezed: Array) -> Array:
+        """Return what variables have to balance beside a squeeze, (6,), torques over `TORQUE_LENGTH` [N]."""
+        return -self.gravity / _LENGTHS - squeezed
+
     @property
     def structure(self) -> Structure:
         """Which contacts there are."""
@@ -373,19 +369,6 @@ class _Contacts(NamedTuple):
         return np.concatenate(points), np.concatenate(rotations)
 
 
-def _closed(
-    template: Template, contacts: _Contacts, contact_map: Array, squeezed: Array, x: Array
-) -> tuple[Array, float]:
-    """Close the balance of forces x, in place; return what is left of it, and the least slack of the limits [N].
-
-    The template must have solved a problem with the same hands and contacts last.
-    """
-    residual = _close_balance(x, contact_map, contacts.gravity + squeezed)
-    if template.columns.hand_effort is not None:
-        x[template.columns.hand_effort] = template.effort(x)
-    return residual, template.least_slack(x)
-
-
 def _proof_from_dual(balance_dual: Array, net_dual: Array) -> UnbalanceProof:
     """Turn a Farkas dual of (5b) round into a twist, and scale it to size 1; to be checked before use."""
     largest = np.abs(balance_dual).max()
@@ -394,40 +377,6 @@ def _proof_from_dual(balance_dual: Array, net_dual: Array) -> UnbalanceProof:
     twist = -np.concatenate([balance_dual[:3], balance_dual[3:] / TORQUE_LENGTH]) / largest
     size = max(np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:]) * TORQUE_LENGTH)
     return UnbalanceProof(twist / size, -net_dual / largest / size)
-
-
-@njit(cache=True, nogil=True)
-def _close_balance(x: Array, contact_map: Array, gravity: Array) -> Array:
-    """Move x by the least it takes to meet (5b) to rounding, in place; return what is left, moments at 0.1 m."""
-    if not np.all(np.isfinite(x)):
-        x[:] = 0.0
-    count = contact_map.shape[1]
-    scaled_map, residual = contact_map.copy(), gravity.copy()
-    scaled_map[3:] /= TORQUE_LENGTH
-    residual[3:] /= TORQUE_LENGTH
-    residual += scaled_map @ x[:count]
-    # Normal equations, with a grain of damping for contacts that cannot exert every wrench; twice for the last digits.
-    normal = scaled_map @ scaled_map.T
-    solve = np.linalg.inv(normal + _DAMPING * np.trace(normal) * np.eye(6))
-    for _ in range(2):
-        correction = scaled_map.T @ (solve @ residual)
-        x[:count] -= correction
-        residual -= scaled_map @ correction
-    return residual
-
-
-@njit(cache=True, nogil=True)
-def _move_to_balance(x: Array, contact_map: Array, gravity: Array, room: Array) -> None:
-    """Move x to meet (5b), in place, by the least in measures of the room that each variable has."""
-    count = contact_map.shape[1]
-    scaled_map, residual = contact_map.copy(), gravity.copy()
-    scaled_map[3:] /= TORQUE_LENGTH
-    residual[3:] /= TORQUE_LENGTH
-    residual += scaled_map @ x[:count]
-    scaled_map *= room
-    normal = scaled_map @ scaled_map.T
-    solve = np.linalg.inv(normal + _DAMPING * np.trace(normal) * np.eye(6))
-    x[:count] -= room * (scaled_map.T @ (solve @ residual))
 
 
 def _force_maps(axes: Array, levers: Array) -> Array:
