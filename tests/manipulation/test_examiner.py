@@ -13,6 +13,7 @@ from planners.graph.search import ALIVE, RESOLUTION, UNKNOWN
 from planners.manipulation.graph.manipulation_graph import HandHold, build_graph
 from planners.manipulation.graph.node_examiner import NodeExaminer, hands_of
 from planners.manipulation.planner import PlateLiftPlanner
+from planners.manipulation.reach.hand_reach import bits
 from planners.plan.verdicts import PlanningOutcome
 from tests.manipulation.lift_probe import planner_of, task_body
 from tests.manipulation.test_reach import pairs_of_postures
@@ -153,8 +154,8 @@ def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
                 exerted = answer.wrenches_world[contact]
                 wrench[:3] += exerted[:3]
                 wrench[3:] += exerted[3:] + np.cross(point - origin, exerted[:3])
-            loads = reach.loads(T, hold.index, int(table[pose, hold.index]) & hold.postures, wrench, origin)
-            total += np.nanmin(loads)
+            postures = bits(int(table[pose, hold.index]) & hold.postures)
+            total += min(reach.least_load(T, hold.index, 1 << each, wrench, origin) for each in postures)
         assert graph.knowledge.load[node] * RESOLUTION == pytest.approx(total, abs=2e-6)
 
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from planners.collision.model import Fixed
-from planners.manipulation.reach.hand_reach import CONTINUITY, bits
+from planners.manipulation.reach.hand_reach import ALL_POSTURES, CONTINUITY, bits
 from planners.manipulation.reach.reached_postures import ReachedPostures
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.manipulation.lift_probe import TURN
@@ -147,8 +147,9 @@ def test_loads_are_the_joint_torques_of_virtual_work(planner, hand):
     for pose, hold in rng.permutation(np.argwhere(reached))[:20]:
         postures = int(reached[pose, hold])
         wrench, point = rng.normal(size=6), pose_of(planner, pose)[:3, 3] + rng.normal(size=3) * 0.1
-        loads = reach.loads(pose_of(planner, pose), hold, postures, wrench, point)
+        loads = [reach.least_load(pose_of(planner, pose), hold, 1 << each, wrench, point) for each in range(64)]
         assert np.flatnonzero(np.isfinite(loads)).tolist() == bits(postures)
+        assert reach.least_load(pose_of(planner, pose), hold, ALL_POSTURES, wrench, point) == min(loads)
         for posture in bits(postures):
             q = reach.follow(pose_of(planner, pose)[None], hold, posture)[0]
             lever = point - flange(reach, q)[:3, 3]

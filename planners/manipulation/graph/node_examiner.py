@@ -119,12 +119,10 @@ class NodeExaminer:
 
     def _torque(self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced) -> float:
         """Least joint torque that the hands' contact wrenches ask for, tau = J^T F, over the postures [Nm]."""
-        total = 0.0
-        for T_world_plate, com, hand, hold, wrench in self._exerting(pose, grip, push, answer):
-            postures = self.postures(hand, pose, hold)
-            loads = self.reached.hand(hand).loads(T_world_plate, hold.index, postures, wrench, com)
-            total += float(np.fmin.reduce(loads))
-        return total
+        return sum(
+            self.reached.hand(hand).least_load(T_world_plate, hold.index, hold.postures, wrench, com)
+            for T_world_plate, com, hand, hold, wrench in self._exerting(pose, grip, push, answer)
+        )
 
     def _exerting(
         self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced

@@ -225,8 +225,10 @@ class HandReach:
             near,
         )
 
-    def loads(self, T_world_plate: Transform, hold: int, postures: int, wrench: Array, point: Array) -> Array:
-        """Return the torque load of each posture in the set [Nm]: sum of |J^T F| for the hand's contact wrenches.
+    def least_load(self, T_world_plate: Transform, hold: int, postures: int, wrench: Array, point: Array) -> float:
+        """Return the least torque load of the postures in the set that reach a pose and are free of collision [Nm].
+
+        It is the sum of |J^T F| over the joints for the hand's contact wrenches; infinite if there is no such posture.
 
         Args:
             T_world_plate: (4, 4).
@@ -235,7 +237,9 @@ class HandReach:
             wrench: (6,) that the hand exerts on the plate, world axes, torque about `point`.
             point: (3,) in the world.
         """
-        return _loads(self.asked(hold, postures), self.arm.T_world_base, T_world_plate, wrench, point)
+        queries, q = (self.alone.kernel(), self.hand_only.kernel()), self.start_positions.copy()
+        force = self.arm.T_world_base, wrench, point
+        return float(_least_load(self.asked(hold, postures), queries, T_world_plate, force, q))
 
     def torque_shares(
         self, T_world_plates: Array, hold: int, postures: int, wrenches: Array, points: Array, gravity: Array
@@ -412,27 +416,44 @@ def _track(hold, placed, T_world_plates, T_world_carriers, q):
 
 
 @njit(cache=True, nogil=True)
-def _loads(hold, T_world_base, T_world_plate, wrench, point):
-    (dh, T_base_world, _, _, _), T_plate_flange, postures = hold
-    result = np.full(64, np.nan)
-    T_base_plate, T_base_flange, solutions = np.empty((4, 4)), np.empty((4, 4)), np.empty((8, 6))
+def _least_load(hold, queries, T_world_plate, force, q):
+    """Return the least load of the postures that reach; to weigh them all is cheaper than to look for collisions."""
+    (dh, T_base_world, lo, hi, first_joint), T_plate_flange, postures = hold
+    T_world_base, wrench, point = force
+    (kernel, frame), (hand, hand_frame) = queries
+    loads, solutions = np.full(64, np.inf), np.empty((8, 8, 6))
+    T_base_plate, T_base_flange = np.empty((4, 4)), np.empty((4, 4))
     multiply(T_base_world, T_world_plate, T_base_plate)
     for v in range(T_plate_flange.shape[0]):
-        if (postures >> np.uint64(8 * v)) & np.uint64(255) == 0:
+        branches = np.int64((postures >> np.uint64(8 * v)) & np.uint64(255))
+        if branches == 0:
             continue
         multiply(T_base_plate, T_plate_flange[v], T_base_flange)
-        inverse_kinematics(dh, T_base_flange, 0.0, solutions)
+        branches &= inverse_kinematics(dh, T_base_flange, 0.0, solutions[v])
         for branch in range(8):
-            if (postures >> np.uint64(8 * v + branch)) & np.uint64(1):
-                J = jacobian(dh, T_world_base, solutions[branch], point)
+            if (branches >> branch) & 1 and within_limits(solutions[v, branch], lo, hi):
+                J = jacobian(dh, T_world_base, solutions[v, branch], point)
                 total = 0.0
                 for i in range(6):
                     torque = 0.0
                     for k in range(6):
                         torque += J[k, i] * wrench[k]
                     total += abs(torque)
-                result[8 * v + branch] = total
-    return result
+                loads[8 * v + branch] = total
+    scratch, hand_scratch = make_scratch(kernel), make_scratch(hand)
+    set_frame(kernel, frame, T_world_plate)
+    set_frame(hand, hand_frame, T_world_plate)
+    while True:
+        least = np.argmin(loads)
+        if loads[least] == np.inf:
+            return np.inf
+        q[first_joint : first_joint + 6] = solutions[least // 8, least % 8]
+        if first_collision(kernel, q, scratch) < 0:
+            return loads[least]
+        loads[least] = np.inf
+        if first_collision(hand, q, hand_scratch) >= 0:
+            # The hand stands where it does whichever branch the arm is in.
+            loads[8 * (least // 8) : 8 * (least // 8) + 8] = np.inf
 
 
 @njit(cache=True, nogil=True)
