@@ -48,6 +48,8 @@ _OPTIONAL = frozenset(
 
 _MOVABLE = ("plate", "cup", "cable", "tool", "object")
 """Roles of bodies that are not fixed."""
+_OF_THE_CELL = ("table", "frame")
+"""Roles of bodies that come with the cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +117,7 @@ def task_bodies(evidence: Evidence, stated: Sequence[StatedBody], roles: Mapping
         else:
             finding.require(False, f"body {each.name}", "is in the task, not in the document")
     for name, body in bodies.items():
-        known = body.role == roles[name] if name in roles else body.role in ("table", "frame")
+        known = body.role == roles[name] if name in roles else body.role in _OF_THE_CELL
         finding.require(known, f"body {name}: role", f"{body.role!r} is not what the task makes of it")
         fixed = roles.get(name) not in _MOVABLE
         finding.require(body.static == fixed, f"body {name}: static", f"must be {fixed}")
@@ -187,6 +189,9 @@ def _cell(plan: Plan, reference: CellReference, settings: CertifySettings) -> Ch
         stated = plan.bodies.get(name)
         where = f"/bodies/{name}"
         _compare(None if stated is None else _members(stated), _members(body), where, finding, settings.join)
+    for name, body in plan.bodies.items():
+        strange = body.role in _OF_THE_CELL and name not in reference.bodies
+        finding.require(not strange, f"/bodies/{name}", "the cell has no such body")
     return finding.check()
 
 

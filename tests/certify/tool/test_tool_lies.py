@@ -445,6 +445,13 @@ def the_tool_is_thinner(document: Document) -> None:
     shape["vertices"] = (0.97 * np.array(shape["vertices"])).tolist()
 
 
+@lie("cell", "/bodies/shelf")
+def a_shelf_is_made_up(document: Document) -> None:
+    """It could carry what is let go of in the air."""
+    shelf = {"shape": {"type": "box", "size": [0.1, 0.1, 0.01]}, "pose": [0.7, -0.7, 1.2, 1.0, 0.0, 0.0, 0.0]}
+    document["bodies"]["shelf"] = document["bodies"]["table"] | shelf
+
+
 @lie("task_bodies", "convex parts")
 def a_part_of_the_tool_cannot_be_hit(document: Document) -> None:
     document["bodies"]["tool"]["shape"]["convex_parts"].pop()
