@@ -161,10 +161,25 @@ def compare_settled(body: BodyView, T_world_stated: Transform, finding: Finding,
 
 
 def _difference(a: BodyShape, b: BodyShape) -> float:
+    """Return how far corners of two shapes are from one another, or their surfaces on the average [m].
+
+    Of a mesh the corners tell too little: it may list some that it does not use.
+    """
     if a.vertices.shape != b.vertices.shape:
         return 1.0
     distances = np.linalg.norm(a.vertices[:, None] - b.vertices[None], axis=2)
-    return float(max(distances.min(axis=0).max(), distances.min(axis=1).max()))
+    apart = max(distances.min(axis=0).max(), distances.min(axis=1).max())
+    if a.surface is not None or b.surface is not None:
+        (enclosed, _), (stated, area) = _volume_and_area(a), _volume_and_area(b)
+        apart = max(apart, abs(enclosed - stated) / area)
+    return float(apart)
+
+
+def _volume_and_area(shape: BodyShape) -> tuple[float, float]:
+    """Return what a shape's outward triangles enclose [m^3], and their area [m^2]."""
+    a, b, c = np.swapaxes(shape.triangles, 0, 1)
+    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0, float(doubled.sum()) / 2.0
 
 
 def _grippers(evidence: Evidence) -> Check:

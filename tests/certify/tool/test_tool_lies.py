@@ -452,6 +452,14 @@ def a_shelf_is_made_up(document: Document) -> None:
     document["bodies"]["shelf"] = document["bodies"]["table"] | shelf
 
 
+@lie("task_bodies", "body post: shape")
+def an_obstacle_keeps_its_corners_and_loses_most_of_itself(document: Document) -> None:
+    half = np.array(document["bodies"]["post"]["shape"]["size"]) / 2
+    corners = half * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    shape = InlineMesh.of(corners, np.array([[0, 1, 2], [0, 2, 4], [0, 4, 1], [1, 4, 2]]), [corners[[0, 1, 2, 4]]])
+    document["bodies"]["post"]["shape"] = shape.model_dump(mode="json")
+
+
 @lie("task_bodies", "convex parts")
 def a_part_of_the_tool_cannot_be_hit(document: Document) -> None:
     document["bodies"]["tool"]["shape"]["convex_parts"].pop()
