@@ -59,6 +59,11 @@ def _grip(evidence: Evidence, motion: SegmentMotion, grip: Grip, place: Finding,
     turn.note_samples(segment, settings.attachment_angle - turned, name, first=chosen.start)
     width.note_samples(segment, settings.contact_distance - off, name, first=chosen.start)
     width.note(settings.contact_distance - abs(grip.width - thickness), f"{segment.place()}: width of the hold")
+    if acting and segment.kind in ("grip", "release"):
+        # Nothing else says that the pads were off before, or are now: they may touch what they come to and leave.
+        free = 0 if segment.kind == "grip" else motion.samples - 1
+        room = float(widths[free]) - thickness - settings.contact_distance
+        width.note(room, f"{segment.place(free)}: the {grip.arm} hand is not open")
     width.note(settings.contact_distance - abs(offset), f"{segment.place()}: the pads do not meet {grip.body} together")
 
 

@@ -155,6 +155,30 @@ def the_pads_are_off_the_tool(document: Document) -> None:
                 grip["pose"] = to_pose7(T)
 
 
+def open_before_the_grip(document: Document, width: float) -> None:
+    """Have the hand that takes the tool come with its fingers at a width, and close them from there."""
+    segments = document["segments"]
+    number = next(i for i, segment in enumerate(segments) if segment["kind"] == "grip")
+    arm = segments[number]["hold"]["grip"]["arm"]
+    opening = np.array([w for segment in segments[: number + 1] for w in segment["gripper_width"][arm]])
+    most, coming, held = opening[0], segments[number]["gripper_width"][arm][0], opening[-1]
+    changed = np.where(
+        opening >= coming,
+        most + (opening - most) * (most - width) / (most - coming),
+        held + (opening - held) * (width - held) / (coming - held),
+    )
+    begin = 0
+    for segment in segments[: number + 1]:
+        end = begin + len(segment["time"])
+        segment["gripper_width"][arm] = changed[begin:end].tolist()
+        begin = end
+
+
+@lie("grip_width", "hand is not open")
+def the_hand_comes_with_its_fingers_closed(document: Document) -> None:
+    open_before_the_grip(document, first(document, "grip")["hold"]["grip"]["width"] + 1e-6)
+
+
 @lie("vacuum", "block is sucked, and was never attached")
 def the_vacuum_never_goes_on(document: Document) -> None:
     first(document, "attach")["kind"] = "transit"
@@ -540,8 +564,21 @@ def test_an_honest_plan_passes_in_which_the_tool_is_handed_over(surfaces: RobotS
     Plan.model_validate(document)
     assert "handover" in [segment["kind"] for segment in document["segments"]]
     assert failures(certified(document, surfaces, known)) == {}
+    closed = copy.deepcopy(document)
+    keep_closed_on_release(closed)
+    assert "hand is not open" in failures(certified(closed, surfaces, known))["grip_width"]
     first(document, "handover")["kind"] = "transfer"
     assert "the tool moves, and not in one hand" in failures(certified(document, surfaces, known))["hands"]
+
+
+def keep_closed_on_release(document: Document) -> None:
+    """Have the hand that gives the tool away open by a micrometre only, and leave so."""
+    release = first(document, "release")
+    arm, number = release["hold"]["grip"]["arm"], document["segments"].index(release)
+    held = release["gripper_width"][arm][0]
+    release["gripper_width"][arm] = np.linspace(held, held + 1e-6, len(release["time"])).tolist()
+    for segment in document["segments"][number + 1 :]:
+        segment["gripper_width"][arm] = [held + 1e-6] * len(segment["time"])
 
 
 def test_the_reserve_of_an_honest_plan_is_found_again_at_every_sample_that_is_shown(
