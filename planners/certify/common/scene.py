@@ -11,7 +11,7 @@ from pydantic import BaseModel, JsonValue
 
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
-from planners.certify.geometry.body_shape import BodyShape
+from planners.certify.geometry.body_shape import BodyShape, closed_surface
 from planners.certify.geometry.cover import beyond_parts
 from planners.certify.motion.segment_motion import rotation_angles
 from planners.certify.motion.solids import gripper_of
@@ -58,7 +58,7 @@ class StatedBody:
 
     name: str
     shape: BodyShape | None
-    """None for a mesh that the task names by asset or upload."""
+    """None for a mesh that the task names by upload, or by an asset of which nothing is known."""
     T_world_body: Transform
     mass: float | None = None
     com: Array | None = None
@@ -83,15 +83,20 @@ def require_stated(stated: Any, pointer: str = "/task") -> None:
                 raise MalformedDocument(f"{pointer}/{name}", "is missing")
 
 
-def stated_shape(shape: Box | Cylinder | Prism | Mesh | InlineMesh, pointer: str) -> BodyShape | None:
-    """Return a shape; None for a mesh that is only named."""
-    return None if isinstance(shape, Mesh) else shape_of(shape, pointer)
+def stated_shape(
+    shape: Box | Cylinder | Prism | Mesh | InlineMesh, pointer: str, reference: CellReference | None
+) -> BodyShape | None:
+    """Return a shape; None for a mesh of which nothing is known but its name."""
+    if not isinstance(shape, Mesh):
+        return shape_of(shape, pointer)
+    known = None if reference is None or shape.asset is None else reference.meshes.get(shape.asset)
+    return None if known is None else closed_surface(shape.scale * known)
 
 
-def stated_obstacles(task: PlateLiftTask | SuctionToolTask) -> list[StatedBody]:
+def stated_obstacles(task: PlateLiftTask | SuctionToolTask, reference: CellReference | None) -> list[StatedBody]:
     """Return the obstacles of a task."""
     return [
-        StatedBody(each.name, stated_shape(each.shape, f"/task/obstacles/{i}/shape"), from_pose7(each.pose))
+        StatedBody(each.name, stated_shape(each.shape, f"/task/obstacles/{i}/shape", reference), from_pose7(each.pose))
         for i, each in enumerate(task.obstacles)
     ]
 
