@@ -11,8 +11,18 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from assets import assets_folder
+from planners.cell.asset_shelf import MESHES
 from planners.cell.cell import Cell, ShippedCells
-from planners.certify import CellReference, Certificate, LifterReference, RobotSurfaces, certify, load_surfaces
+from planners.certify import (
+    CellReference,
+    Certificate,
+    LifterReference,
+    RobotSurfaces,
+    certify,
+    load_meshes,
+    load_surfaces,
+)
 from planners.contract.task_spec import PlateLiftOptions, PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import LiftwrightError, SceneError
 from planners.geometry.pose import pose_row, to_pose7
@@ -502,6 +512,7 @@ MOST_CELLS = 16
 """Whose shapes are kept for the certificate: people may add any number of cells."""
 _shipped_tools = cache(load_tools)
 _tool_descriptions = cache(tool_descriptions)
+_meshes = cache(load_meshes)
 
 
 def certificate_of(
@@ -530,7 +541,8 @@ def reference_of(cell: Cell) -> CellReference:
     home = np.concatenate([cell.arms[arm].home for arm in ("left", "right")])
     rest = None if cell.tool_rest is None else to_pose7(cell.tool_rest.T_world_tool)
     lifter = LifterReference(cell.lifter.cup_height, cell.lifter.cable_radius, cell.lifter.cable_length)
-    return CellReference(cell.document(), cell.body_documents(), home, lifter, rest, _tool_descriptions())
+    meshes = _meshes(assets_folder() / MESHES)
+    return CellReference(cell.document(), cell.body_documents(), home, lifter, rest, _tool_descriptions(), meshes)
 
 
 def _plan(

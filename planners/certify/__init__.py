@@ -10,6 +10,7 @@ every moment and what hits what, and `geometry`, the shapes of bodies.
 
 from planners.certify.certify import certify
 from planners.certify.evidence import CellReference, LifterReference
+from planners.certify.geometry.mesh_files import load_meshes
 from planners.certify.motion.robot_surfaces import RobotSurfaces, load_surfaces
 from planners.certify.settings import CertifySettings
 from planners.plan.verdicts import Certificate, Check
@@ -22,5 +23,6 @@ __all__ = [
     "LifterReference",
     "RobotSurfaces",
     "certify",
+    "load_meshes",
     "load_surfaces",
 ]

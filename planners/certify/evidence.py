@@ -44,6 +44,8 @@ class CellReference:
     """Where a suction tool stands in the cell's rest, if it has one."""
     tools: Mapping[str, CustomTool] = field(default_factory=dict)
     """Shipped suction tools by name, each as a task would describe it."""
+    meshes: Mapping[str, Array] = field(default_factory=dict)
+    """Meshes that are shipped for tasks by name, see `load_meshes`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.geometry.triangle_surface import stretches_inside
 from planners.certify.motion.segment_motion import BodyContacts, SegmentMotion, relative, rotation_angles
 from planners.certify.plan_view import NumberedSegment, PlanView, T_flange_tcp
+from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Transform
 from planners.plan.scenery import ARMS
 from planners.plan.segment import Grip, Push
@@ -32,7 +33,29 @@ def hold_checks(evidence: Evidence) -> list[Check]:
             _grip(evidence, motion, grip, place, turn, width)
         if motion.segment.push is not None:
             _push(evidence, motion, motion.segment.push, push)
+    _same_all_along(evidence, place, turn)
     return [finding.check() for finding in (place, turn, width, push)]
+
+
+def _same_all_along(evidence: Evidence, place: Finding, turn: Finding) -> None:
+    """A hold states what it stated first, up to its release: else a body could creep within what segments forgive."""
+    first: dict[tuple[str, str], Grip] = {}
+    for segment in evidence.plan.segments:
+        let_go, held = segment.grip if segment.kind == "release" else None, dict[tuple[str, str], Grip]()
+        for grip in segment.grips:
+            began = first.get((grip.arm, grip.body), grip)
+            where = f"{segment.place()}: {grip.arm} hand on {grip.body}, not as before"
+            _unchanged(grip.T_body_tcp, began.T_body_tcp, where, place, turn, evidence.settings)
+            if grip is not let_go:
+                held[grip.arm, grip.body] = began
+        first = held
+
+
+def _unchanged(
+    T: Transform, T_first: Transform, where: str, place: Finding, turn: Finding, settings: CertifySettings
+) -> None:
+    place.note(settings.attachment_distance - float(np.linalg.norm(T[:3, 3] - T_first[:3, 3])), where)
+    turn.note(settings.attachment_angle - float(rotation_angles(T[None], T_first)[0]), where)
 
 
 def _held_samples(segment: NumberedSegment, arm: str, taking: str, leaving: str) -> slice:
@@ -59,6 +82,11 @@ def _grip(evidence: Evidence, motion: SegmentMotion, grip: Grip, place: Finding,
     turn.note_samples(segment, settings.attachment_angle - turned, name, first=chosen.start)
     width.note_samples(segment, settings.contact_distance - off, name, first=chosen.start)
     width.note(settings.contact_distance - abs(grip.width - thickness), f"{segment.place()}: width of the hold")
+    if acting and segment.kind in ("grip", "release"):
+        # Nothing else says that the pads were off before, or are now: they may touch what they come to and leave.
+        free = 0 if segment.kind == "grip" else motion.samples - 1
+        room = float(widths[free]) - thickness - settings.contact_distance
+        width.note(room, f"{segment.place(free)}: the {grip.arm} hand is not open")
     width.note(settings.contact_distance - abs(offset), f"{segment.place()}: the pads do not meet {grip.body} together")
 
 
@@ -151,9 +179,11 @@ def _fingers(contact_set: BodyContacts, finding: Finding, slack: float, *, requi
 
 
 def drift_checks(evidence: Evidence) -> list[Check]:
-    """Check drift and turn of attached bodies."""
+    """Check drift and turn of attached bodies, in a segment and from one to the next that they are attached in."""
     place, turn, settings = Finding("attachments", "m"), Finding("attachment_angles", "rad"), evidence.settings
+    first: dict[tuple[str, str], Transform] = {}
     for motion in evidence.motions:
+        attached: dict[tuple[str, str], Transform] = {}
         for body, ride in motion.segment.rides:
             holder = motion.frames[ride.to][:, 6] if ride.to in ARMS else motion.body_poses[ride.to]
             poses = relative(holder, motion.body_poses[body])
@@ -161,6 +191,10 @@ def drift_checks(evidence: Evidence) -> list[Check]:
             text, turned = f"{body} on {ride.to}", rotation_angles(poses, ride.T_to_body)
             place.note_samples(motion.segment, settings.attachment_distance - distance, text)
             turn.note_samples(motion.segment, settings.attachment_angle - turned, text)
+            began = attached[body, ride.to] = first.get((body, ride.to), ride.T_to_body)
+            where = f"{motion.segment.place()}: {text}, not as before"
+            _unchanged(ride.T_to_body, began, where, place, turn, settings)
+        first = attached
     return [place.check(), turn.check()]
 
 

@@ -11,7 +11,7 @@ from pydantic import BaseModel, JsonValue
 
 from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
-from planners.certify.geometry.body_shape import BodyShape
+from planners.certify.geometry.body_shape import BodyShape, closed_surface
 from planners.certify.geometry.cover import beyond_parts
 from planners.certify.motion.segment_motion import rotation_angles
 from planners.certify.motion.solids import gripper_of
@@ -48,6 +48,8 @@ _OPTIONAL = frozenset(
 
 _MOVABLE = ("plate", "cup", "cable", "tool", "object")
 """Roles of bodies that are not fixed."""
+_OF_THE_CELL = ("table", "frame")
+"""Roles of bodies that come with the cell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class StatedBody:
 
     name: str
     shape: BodyShape | None
-    """None for a mesh that the task names by asset or upload."""
+    """None for a mesh that the task names by upload, or by an asset of which nothing is known."""
     T_world_body: Transform
     mass: float | None = None
     com: Array | None = None
@@ -81,15 +83,20 @@ def require_stated(stated: Any, pointer: str = "/task") -> None:
                 raise MalformedDocument(f"{pointer}/{name}", "is missing")
 
 
-def stated_shape(shape: Box | Cylinder | Prism | Mesh | InlineMesh, pointer: str) -> BodyShape | None:
-    """Return a shape; None for a mesh that is only named."""
-    return None if isinstance(shape, Mesh) else shape_of(shape, pointer)
+def stated_shape(
+    shape: Box | Cylinder | Prism | Mesh | InlineMesh, pointer: str, reference: CellReference | None
+) -> BodyShape | None:
+    """Return a shape; None for a mesh of which nothing is known but its name."""
+    if not isinstance(shape, Mesh):
+        return shape_of(shape, pointer)
+    known = None if reference is None or shape.asset is None else reference.meshes.get(shape.asset)
+    return None if known is None else closed_surface(shape.scale * known)
 
 
-def stated_obstacles(task: PlateLiftTask | SuctionToolTask) -> list[StatedBody]:
+def stated_obstacles(task: PlateLiftTask | SuctionToolTask, reference: CellReference | None) -> list[StatedBody]:
     """Return the obstacles of a task."""
     return [
-        StatedBody(each.name, stated_shape(each.shape, f"/task/obstacles/{i}/shape"), from_pose7(each.pose))
+        StatedBody(each.name, stated_shape(each.shape, f"/task/obstacles/{i}/shape", reference), from_pose7(each.pose))
         for i, each in enumerate(task.obstacles)
     ]
 
@@ -115,7 +122,7 @@ def task_bodies(evidence: Evidence, stated: Sequence[StatedBody], roles: Mapping
         else:
             finding.require(False, f"body {each.name}", "is in the task, not in the document")
     for name, body in bodies.items():
-        known = body.role == roles[name] if name in roles else body.role in ("table", "frame")
+        known = body.role == roles[name] if name in roles else body.role in _OF_THE_CELL
         finding.require(known, f"body {name}: role", f"{body.role!r} is not what the task makes of it")
         fixed = roles.get(name) not in _MOVABLE
         finding.require(body.static == fixed, f"body {name}: static", f"must be {fixed}")
@@ -159,10 +166,25 @@ def compare_settled(body: BodyView, T_world_stated: Transform, finding: Finding,
 
 
 def _difference(a: BodyShape, b: BodyShape) -> float:
+    """Return how far corners of two shapes are from one another, or their surfaces on the average [m].
+
+    Of a mesh the corners tell too little: it may list some that it does not use.
+    """
     if a.vertices.shape != b.vertices.shape:
         return 1.0
     distances = np.linalg.norm(a.vertices[:, None] - b.vertices[None], axis=2)
-    return float(max(distances.min(axis=0).max(), distances.min(axis=1).max()))
+    apart = max(distances.min(axis=0).max(), distances.min(axis=1).max())
+    if a.surface is not None or b.surface is not None:
+        (enclosed, _), (stated, area) = _volume_and_area(a), _volume_and_area(b)
+        apart = max(apart, abs(enclosed - stated) / area)
+    return float(apart)
+
+
+def _volume_and_area(shape: BodyShape) -> tuple[float, float]:
+    """Return what a shape's outward triangles enclose [m^3], and their area [m^2]."""
+    a, b, c = np.swapaxes(shape.triangles, 0, 1)
+    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0, float(doubled.sum()) / 2.0
 
 
 def _grippers(evidence: Evidence) -> Check:
@@ -187,6 +209,9 @@ def _cell(plan: Plan, reference: CellReference, settings: CertifySettings) -> Ch
         stated = plan.bodies.get(name)
         where = f"/bodies/{name}"
         _compare(None if stated is None else _members(stated), _members(body), where, finding, settings.join)
+    for name, body in plan.bodies.items():
+        strange = body.role in _OF_THE_CELL and name not in reference.bodies
+        finding.require(not strange, f"/bodies/{name}", "the cell has no such body")
     return finding.check()
 
 

@@ -165,6 +165,12 @@ def prism(outline: Array, height: float) -> BodyShape:
     return _single(np.vstack(rings))
 
 
+def closed_surface(triangles: Array) -> BodyShape:
+    """Return a shape of which the closed surface is known, (m, 3, 3) outward corners, and no parts but its hull."""
+    vertices = np.unique(triangles.reshape(-1, 3), axis=0)
+    return BodyShape(vertices, (convex_part(vertices),), TriangleSurface(triangles))
+
+
 def mesh(vertices: Array, faces: NDArray[np.intp], parts: Sequence[Array]) -> BodyShape:
     """Return a mesh with its convex parts, each by its points.
 

@@ -31,7 +31,7 @@ class LiftExamination:
         Raises:
             MalformedDocument: A member of the task is missing or of the wrong type, or a body that it needs is.
         """
-        self._evidence, self._task = evidence, LiftTask.of(task)
+        self._evidence, self._task = evidence, LiftTask.of(task, evidence.reference)
         evidence.require_bodies(("plate", evidence.plan.support))
 
     def scene(self) -> list[Check]:

@@ -9,7 +9,7 @@ import numpy as np
 from planners.certify.common.cones import ContactLimits, StatedCup
 from planners.certify.common.reserve import payload_limits
 from planners.certify.common.scene import StatedBody, stated_obstacles, stated_shape, task_bodies
-from planners.certify.evidence import Evidence
+from planners.certify.evidence import CellReference, Evidence
 from planners.certify.finding import Finding
 from planners.certify.lift.load_program import ContactBounds
 from planners.certify.lift.uncertainty import Tolerances
@@ -32,7 +32,7 @@ class LiftTask:
     tolerances: Tolerances
 
     @classmethod
-    def of(cls, task: PlateLiftTask) -> LiftTask:
+    def of(cls, task: PlateLiftTask, reference: CellReference | None) -> LiftTask:
         """Take from a task what is compared.
 
         Raises:
@@ -44,7 +44,7 @@ class LiftTask:
         said = plate.model_fields_set
         return cls(
             stated=task,
-            bodies=_stated_bodies(task),
+            bodies=_stated_bodies(task, reference),
             cup=StatedCup(cup.radius, cup.max_force, cup.mu, cup.kappa),
             contact_model=task.contact_model if "contact_model" in task.model_fields_set else "paper",
             tolerances=Tolerances(
@@ -82,16 +82,16 @@ class LiftTask:
         return ContactBounds(self.hand_limits(plan), self.stated.lifter_model)
 
 
-def _stated_bodies(task: PlateLiftTask) -> tuple[StatedBody, ...]:
+def _stated_bodies(task: PlateLiftTask, reference: CellReference | None) -> tuple[StatedBody, ...]:
     plate = task.plate
     if plate.com is None:
         raise MalformedDocument("/task/plate/com", "is missing")
-    shape, T_world_plate = stated_shape(plate.shape, "/task/plate/shape"), from_pose7(task.plate_pose)
+    shape, T_world_plate = stated_shape(plate.shape, "/task/plate/shape", reference), from_pose7(task.plate_pose)
     bodies = [StatedBody("plate", shape, T_world_plate, plate.mass, np.array(plate.com), settled=True)]
     if task.support is not None:
-        shape = stated_shape(task.support.shape, "/task/support/shape")
+        shape = stated_shape(task.support.shape, "/task/support/shape", reference)
         bodies.append(StatedBody("support", shape, from_pose7(task.support.pose), settled=True))
-    return (*bodies, *stated_obstacles(task))
+    return (*bodies, *stated_obstacles(task, reference))
 
 
 def lift_bodies_check(evidence: Evidence, task: LiftTask) -> Check:

@@ -76,10 +76,10 @@ class ToolTask:
         pose = rest if task.tool_pose is None else task.tool_pose
         return cls(
             stated=task,
-            tool=None if tool is None else _stated_tool(tool),
+            tool=None if tool is None else _stated_tool(tool, reference),
             T_world_tool=None if pose is None else from_pose7(pose),
-            objects=tuple(_stated_object(given, f"/task/objects/{i}") for i, given in enumerate(task.objects)),
-            obstacles=tuple(stated_obstacles(task)),
+            objects=tuple(_stated_object(one, f"/task/objects/{i}", reference) for i, one in enumerate(task.objects)),
+            obstacles=tuple(stated_obstacles(task, reference)),
         )
 
     @property
@@ -101,10 +101,10 @@ class ToolTask:
         return {name: min(force, stated) for name, force in payload_limits(plan).items()}
 
 
-def _stated_object(given: ObjectToMove, at: str) -> StatedObject:
+def _stated_object(given: ObjectToMove, at: str, reference: CellReference | None) -> StatedObject:
     if given.com is None:
         raise MalformedDocument(f"{at}/com", "is missing")
-    shape, com = stated_shape(given.shape, f"{at}/shape"), np.array(given.com)
+    shape, com = stated_shape(given.shape, f"{at}/shape", reference), np.array(given.com)
     return StatedObject(
         body=StatedBody(given.name, shape, from_pose7(given.pose), given.mass, com, settled=True),
         T_world_goal=from_pose7(given.goal_pose),
@@ -113,11 +113,11 @@ def _stated_object(given: ObjectToMove, at: str) -> StatedObject:
     )
 
 
-def _stated_tool(given: CustomTool | ToolDocument) -> StatedTool:
+def _stated_tool(given: CustomTool | ToolDocument, reference: CellReference | None) -> StatedTool:
     if given.com is None:
         raise MalformedDocument("/task/tool/com", "is missing")
     shapes = [
-        (stated_shape(part.shape, f"/task/tool/shapes/{i}/shape"), from_pose7(part.pose))
+        (stated_shape(part.shape, f"/task/tool/shapes/{i}/shape", reference), from_pose7(part.pose))
         for i, part in enumerate(given.shapes)
     ]
     whole = [(shape, pose) for shape, pose in shapes if shape is not None]

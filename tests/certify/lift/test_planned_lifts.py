@@ -255,7 +255,7 @@ def test_a_lie_fails_the_check_that_it_is_about(
 
 def test_both_load_programs_agree_on_the_contact_sets_of_a_planned_lift(planned_lift: Document) -> None:
     evidence = evidence_of(planned_lift)
-    bounds = LiftTask.of(evidence.plan.stated.task).bounds(evidence.plan)
+    bounds = LiftTask.of(evidence.plan.stated.task, None).bounds(evidence.plan)
     plate, sets = evidence.plan.bodies["plate"], evidence.contacts
     rng = np.random.default_rng(11)
     for number in rng.permutation(len(sets))[:15]:

@@ -146,6 +146,22 @@ def the_hold_is_elsewhere(document: Document) -> None:
     first(document, "transfer")["hold"]["grip"]["pose"][2] += 0.0005
 
 
+def creep(rows: Iterator[list[float]]) -> None:
+    """Have poses differ by less than they may from where things are, and from one another by more."""
+    for row, side in zip(rows, (1.0, -1.0), strict=False):
+        row[0] += side * 1.5e-4
+
+
+@lie("grips", "not as before")
+def the_tool_creeps_in_the_hand_from_segment_to_segment(document: Document) -> None:
+    creep(s["hold"]["grip"]["pose"] for s in document["segments"] if s["hold"] is not None)
+
+
+@lie("attachments", "block on tool, not as before")
+def the_object_creeps_on_the_cup_from_segment_to_segment(document: Document) -> None:
+    creep(s["attached"]["block"][0]["pose"] for s in document["segments"] if "block" in s["attached"])
+
+
 @lie("grip_width", "the pads do not meet tool together")
 def the_pads_are_off_the_tool(document: Document) -> None:
     for segment in document["segments"]:
@@ -153,6 +169,30 @@ def the_pads_are_off_the_tool(document: Document) -> None:
             if grip is not None:
                 T = from_pose7(grip["pose"]) @ transform(None, [0.0, 0.002, 0.0])
                 grip["pose"] = to_pose7(T)
+
+
+def open_before_the_grip(document: Document, width: float) -> None:
+    """Have the hand that takes the tool come with its fingers at a width, and close them from there."""
+    segments = document["segments"]
+    number = next(i for i, segment in enumerate(segments) if segment["kind"] == "grip")
+    arm = segments[number]["hold"]["grip"]["arm"]
+    opening = np.array([w for segment in segments[: number + 1] for w in segment["gripper_width"][arm]])
+    most, coming, held = opening[0], segments[number]["gripper_width"][arm][0], opening[-1]
+    changed = np.where(
+        opening >= coming,
+        most + (opening - most) * (most - width) / (most - coming),
+        held + (opening - held) * (width - held) / (coming - held),
+    )
+    begin = 0
+    for segment in segments[: number + 1]:
+        end = begin + len(segment["time"])
+        segment["gripper_width"][arm] = changed[begin:end].tolist()
+        begin = end
+
+
+@lie("grip_width", "hand is not open")
+def the_hand_comes_with_its_fingers_closed(document: Document) -> None:
+    open_before_the_grip(document, first(document, "grip")["hold"]["grip"]["width"] + 1e-6)
 
 
 @lie("vacuum", "block is sucked, and was never attached")
@@ -445,6 +485,21 @@ def the_tool_is_thinner(document: Document) -> None:
     shape["vertices"] = (0.97 * np.array(shape["vertices"])).tolist()
 
 
+@lie("cell", "/bodies/shelf")
+def a_shelf_is_made_up(document: Document) -> None:
+    """It could carry what is let go of in the air."""
+    shelf = {"shape": {"type": "box", "size": [0.1, 0.1, 0.01]}, "pose": [0.7, -0.7, 1.2, 1.0, 0.0, 0.0, 0.0]}
+    document["bodies"]["shelf"] = document["bodies"]["table"] | shelf
+
+
+@lie("task_bodies", "body post: shape")
+def an_obstacle_keeps_its_corners_and_loses_most_of_itself(document: Document) -> None:
+    half = np.array(document["bodies"]["post"]["shape"]["size"]) / 2
+    corners = half * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    shape = InlineMesh.of(corners, np.array([[0, 1, 2], [0, 2, 4], [0, 4, 1], [1, 4, 2]]), [corners[[0, 1, 2, 4]]])
+    document["bodies"]["post"]["shape"] = shape.model_dump(mode="json")
+
+
 @lie("task_bodies", "convex parts")
 def a_part_of_the_tool_cannot_be_hit(document: Document) -> None:
     document["bodies"]["tool"]["shape"]["convex_parts"].pop()
@@ -525,8 +580,21 @@ def test_an_honest_plan_passes_in_which_the_tool_is_handed_over(surfaces: RobotS
     Plan.model_validate(document)
     assert "handover" in [segment["kind"] for segment in document["segments"]]
     assert failures(certified(document, surfaces, known)) == {}
+    closed = copy.deepcopy(document)
+    keep_closed_on_release(closed)
+    assert "hand is not open" in failures(certified(closed, surfaces, known))["grip_width"]
     first(document, "handover")["kind"] = "transfer"
     assert "the tool moves, and not in one hand" in failures(certified(document, surfaces, known))["hands"]
+
+
+def keep_closed_on_release(document: Document) -> None:
+    """Have the hand that gives the tool away open by a micrometre only, and leave so."""
+    release = first(document, "release")
+    arm, number = release["hold"]["grip"]["arm"], document["segments"].index(release)
+    held = release["gripper_width"][arm][0]
+    release["gripper_width"][arm] = np.linspace(held, held + 1e-6, len(release["time"])).tolist()
+    for segment in document["segments"][number + 1 :]:
+        segment["gripper_width"][arm] = [held + 1e-6] * len(segment["time"])
 
 
 def test_the_reserve_of_an_honest_plan_is_found_again_at_every_sample_that_is_shown(

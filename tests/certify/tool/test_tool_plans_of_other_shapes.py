@@ -62,6 +62,16 @@ def of_a_mesh() -> Document:
 
 
 @pytest.fixture(scope="module")
+def of_a_shipped_mesh() -> Document:
+    """A can is moved."""
+    can = {
+        "shape": {"type": "mesh", "asset": "can"}, "goal_symmetry": "axis",
+        "pose": [0.3, 0.3, 1.1551, *QUARTER], "goal_pose": [0.4, 0.15, 1.1551, *QUARTER],
+    }  # fmt: skip
+    return planned({"objects": [block(**can)]})
+
+
+@pytest.fixture(scope="module")
 def of_a_custom_tool() -> Document:
     """A block is moved with a tool that the task describes."""
     return planned({"objects": [block()], "tool": TOOL})
@@ -75,6 +85,26 @@ def test_a_plan_for_a_mesh_passes(of_a_mesh: Document, surfaces: RobotSurfaces, 
     Plan.model_validate(of_a_mesh)
     assert of_a_mesh["bodies"]["block"]["shape"]["type"] == "mesh"
     assert failures(certified(of_a_mesh, surfaces, known)) == {}
+
+
+@pytest.mark.parametrize("scale", [0.001, 0.999, 25.4])
+def test_a_mesh_of_another_size_than_the_shipped_one_that_is_named_fails(
+    scale: float, of_a_shipped_mesh: Document, surfaces: RobotSurfaces, known: CellReference
+) -> None:
+    """The shape in the document is the planner's own; the certificate reads the file, too."""
+    document = copy.deepcopy(of_a_shipped_mesh)
+    assert failures(certified(document, surfaces, known)) == {}
+    document["task"]["objects"][0]["shape"]["scale"] = scale
+    assert failures(certified(document, surfaces, known)) == {"task_bodies": "body block: shape"}
+
+
+def test_a_shipped_mesh_that_lost_a_triangle_fails(
+    of_a_shipped_mesh: Document, surfaces: RobotSurfaces, known: CellReference
+) -> None:
+    """All corners are where they are in the file."""
+    document = copy.deepcopy(of_a_shipped_mesh)
+    document["bodies"]["block"]["shape"]["faces"].pop()
+    assert failures(certified(document, surfaces, known))["task_bodies"] == "body block: shape"
 
 
 def test_a_mesh_with_a_dent_under_the_cup_fails(
