@@ -95,6 +95,18 @@ def test_every_other_model_of_the_lifter_is_tried() -> None:
         assert sorted([model, *map(str, others)]) == ["cable", "dexnet", "paper"]
 
 
+def test_nobody_is_told_to_use_a_lifter_that_does_what_theirs_does() -> None:
+    said = set()
+    for model in ("paper", "cable", "dexnet"):
+        task = posted("ab1", lifter_model=model)
+        assert isinstance(task, PlateLiftTask)
+        changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+        changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+        said |= {change.sentence.split(":")[0] for change in changes._lifter() if change is not None}
+    assert len(said) == 3
+    assert not any(one in other for one, other in itertools.permutations(said, 2))
+
+
 @pytest.mark.parametrize("most", among([20.0, 24.3, 31.0, math.inf], [20.0, 31.0]))
 def test_a_cup_is_made_no_stronger_than_what_the_cells_lifter_bears(most: float) -> None:
     shipped = load_cell("dual_ur3e_lift")
