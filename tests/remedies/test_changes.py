@@ -22,7 +22,7 @@ from planners.manipulation.lift_attempts import NOT_WITHIN_TOLERANCES
 from planners.manipulation.lift_settings import LiftSettings
 from planners.plan.verdicts import Cause, PlanningOutcome, Remedy
 from planners.progress import silent
-from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
+from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put, told_cup_place
 from planners.remedies.find_remedies import CAPACITY, in_vain, why_none, with_cup_at
 from planners.remedies.kinds import KINDS
 from planners.remedies.lift_changes import LiftChanges
@@ -93,6 +93,11 @@ def test_every_other_model_of_the_lifter_is_tried() -> None:
         changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
         others = [change.patch[0].value for change in changes._lifter()]
         assert sorted([model, *map(str, others)]) == ["cable", "dexnet", "paper"]
+
+
+@pytest.mark.parametrize("place", [(-0.0, 0.02), (0.02, -0.0004)])
+def test_no_place_on_a_plate_is_at_less_than_nothing(place: tuple[float, float]) -> None:
+    assert "-0" not in told_cup_place(place)
 
 
 def test_nobody_is_told_to_use_a_lifter_that_does_what_theirs_does() -> None:
