@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Sequence
@@ -183,10 +184,9 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _number_from_1(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError("changes that help are numbered from 1")
-    return number
+    if not re.fullmatch(r"0*[1-9][0-9]{0,8}", text):
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 on, not {text}")
+    return int(text)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -369,7 +369,12 @@ def _add_study(command: argparse.ArgumentParser) -> None:
     command.add_argument("--png", type=Path, metavar="FILE", help="where a picture of the map goes")
     where = command.add_mutually_exclusive_group()
     _add_service(where, "examines it, and plans the best point")
-    where.add_argument("--processes", type=int, metavar="N", help="so many points at the same time; default: all cores")
+    where.add_argument(
+        "--processes",
+        type=_number_from_1,
+        metavar="N",
+        help="so many points at the same time; default: all cores",
+    )
     command.add_argument(
         "--data-dir", type=Path, metavar="DIR", help="where handovers are kept; as for `liftwright plan`"
     )
@@ -473,10 +478,21 @@ def _add_execute(command: argparse.ArgumentParser) -> None:
 
 
 def _speed(given: str) -> float:
-    speed = float(given)
-    if not 0.0 < speed <= 1.0:
-        raise argparse.ArgumentTypeError("must be above 0 and at most 1")
-    return speed
+    return _number_up_to(1.0, given)
+
+
+def _days(given: str) -> float:
+    return _number_up_to(36500.0, given)
+
+
+def _number_up_to(most: float, given: str) -> float:
+    try:
+        number = float(given)
+    except ValueError:
+        number = math.nan
+    if not 0.0 < number <= most:
+        raise argparse.ArgumentTypeError(f"must be a number above 0 and at most {most:g}, not {given}")
+    return number
 
 
 def _add_service(command: argparse.ArgumentParser | argparse._MutuallyExclusiveGroup, what: str) -> None:
@@ -498,7 +514,7 @@ def _add_keys(command: argparse.ArgumentParser) -> None:
     issue = actions.add_parser("issue", help="make a key; it is printed once and stored nowhere")
     issue.add_argument("--owner", required=True, type=_owner, metavar="NAME", help="to whom belongs what it makes")
     issue.add_argument("--scope", choices=SCOPES, default="write", help="each allows all before it; default write")
-    issue.add_argument("--days", type=float, metavar="N", help="how long it is good; default: until it is revoked")
+    issue.add_argument("--days", type=_days, metavar="N", help="how long it is good; default: until it is revoked")
     _add_storage(issue)
     issue.set_defaults(run=_issue_key)
     listing = actions.add_parser("list", help="show all keys, without their secrets")

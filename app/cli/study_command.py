@@ -201,16 +201,21 @@ async def _examine(study: Study, settings: WorkerSettings, processes: int, show:
         await pool.close()
 
 
+_TYPED = {"min": "MIN ", "max": "MAX ", "count": "COUNT ", "part": "what stands after @ "}
+"""How a member of an axis is called where it is typed."""
+
+
 def _as_arguments(problems: Iterable[Problem], axes: Sequence[Axis]) -> list[Problem]:
     """Tell problems of axes by what was typed."""
     told: list[Problem] = []
     for problem in problems:
         steps = problem.pointer.split("/")
         if steps[1:2] == ["axes"] and len(steps) > 2 and steps[2].isdecimal():
-            where = f"--axis {axes[int(steps[2])].pointer}"
+            # Without its name a bound of the axis reads as one of the member that is varied.
+            of = _TYPED.get(steps[3], "") if len(steps) == 4 else ""
+            told.append(replace(problem, pointer=f"--axis {axes[int(steps[2])].pointer}", detail=of + problem.detail))
         else:
-            where = problem.pointer.removeprefix("/task")
-        told.append(replace(problem, pointer=where))
+            told.append(replace(problem, pointer=problem.pointer.removeprefix("/task")))
     return told
 
 

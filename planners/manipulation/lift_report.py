@@ -25,7 +25,7 @@ from planners.manipulation.lift_segment import BalancedContacts, LiftSegment
 from planners.manipulation.statics.lift_programs import payload_forces
 from planners.manipulation.statics.lift_torques import LiftTorques
 from planners.manipulation.statics.reserves import ReservedSegments, keeping_most
-from planners.plan.verdicts import PlanningOutcome
+from planners.plan.verdicts import PlanningOutcome, told_apart
 from planners.scene.lift_scene import PlateLiftScene
 
 _MOST_ASKED = 100
@@ -98,10 +98,8 @@ def too_heavy(
         available=capacity.available,
         unit="N",
     )
-    summary = (
-        f"Robot and vacuum lifter together can carry at most {capacity.available:.1f} N; "
-        f"the plate weighs {capacity.needed:.1f} N."
-    )
+    most, weight = told_apart(capacity.available, capacity.needed, 1, "f")
+    summary = f"Robot and vacuum lifter together can carry at most {most} N; the plate weighs {weight} N."
     if explained and borne is not None and capacity.cup + sum(borne) >= capacity.needed:
         summary += f" {_with_all_that_arms_bear(sampling, borne)}"
     return _unsearched(sampling, rejections, PlanningOutcome.INFEASIBLE, cause, summary)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Literal
 
 from pydantic import Field, JsonValue
 
@@ -13,6 +14,9 @@ from planners.contract.arrays import Finite
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_change import PatchOperation
 from planners.plan.considered import Considered
+
+_MOST_DIGITS = 15
+"""A float has no more that say anything."""
 
 
 def is_shortage(needed: float, available: float, unit: str) -> bool:
@@ -30,15 +34,26 @@ def shortage_words(needed: float, available: float, unit: str | None) -> str:
     Where nothing, or less than nothing, is said to be available, the figures are a shortfall: how far the nearest try
     was from a limit.
     """
-    if available > 0.0:
-        return f"needed {_measure(needed, unit)}, available {_measure(available, unit)}"
-    return f"short by {_measure(needed - available, unit)}"
-
-
-def _measure(value: float, unit: str | None) -> str:
     if unit == "m":
-        value, unit = 1e3 * value, "mm"
-    return f"{value:.4g} {unit}" if unit else f"{value:.4g}"
+        needed, available, unit = 1e3 * needed, 1e3 * available, "mm"
+    of = f" {unit}" if unit else ""
+    if available > 0.0:
+        more, less = told_apart(needed, available)
+        return f"needed {more}{of}, available {less}{of}"
+    return f"short by {needed - available:.4g}{of}"
+
+
+def told_apart(one: float, other: float, digits: int = 4, kind: Literal["f", "g"] = "g") -> tuple[str, str]:
+    """Return two figures with as many digits as it takes to see that they differ, and with so many at least.
+
+    Args:
+        one: of the figures.
+        other: likewise.
+        digits: how many there are at least: significant ones, or behind the point.
+        kind: "g": significant digits are counted; "f": those behind the point.
+    """
+    told = f"{one:.{digits}{kind}}", f"{other:.{digits}{kind}}"
+    return told if told[0] != told[1] or digits >= _MOST_DIGITS else told_apart(one, other, digits + 1, kind)
 
 
 class PlanningOutcome(StrEnum):

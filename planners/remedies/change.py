@@ -241,7 +241,7 @@ def stacked(above: Mapping[int, Sequence[int]]) -> frozenset[int]:
 
 def told_cup_place(place: tuple[float, float]) -> str:
     """Say where on the plate a place of the cup is, in plate axes [m]."""
-    return f"({1e3 * place[0]:.0f}, {1e3 * place[1]:.0f}) mm on the plate"
+    return f"({1e3 * place[0]:z.0f}, {1e3 * place[1]:z.0f}) mm on the plate"
 
 
 def turning(angle: float) -> str:

@@ -106,11 +106,11 @@ _BOARDS = (0.03, 0.05)
 _FLUSH = 1e-3
 """A board that reaches no farther beyond the plate is as large as it [m]."""
 _OTHER_LIFTERS = {
-    "paper": "whose pad bears friction",
+    "paper": "whose pad bears the more friction the more it pulls",
     "dexnet": "whose pad bears friction where it hardly pulls, too",
     "cable": "that hangs on a cable and cannot bend",
 }
-"""By name of the lifter's model."""
+"""By name of the lifter's model: what none of the others does."""
 
 
 class LiftChanges:

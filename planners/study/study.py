@@ -55,6 +55,8 @@ class Study:
         except (ValidationError, SceneError) as error:
             problems = [replace(problem, pointer=f"/task{problem.pointer}") for problem in problems_of(error)]
             raise NotAStudy(problems) from error
+        if len({(axis.pointer, axis.part) for axis in spec.axes}) < len(spec.axes):
+            raise NotAStudy([Problem("/axes/1", "both axes vary the same; take a list of values, or another member")])
         study = cls(spec.model_copy(update={"task": task}))
         problems = [problem for number in range(len(spec.axes)) for problem in study._strange_values(number)]
         if problems:
@@ -93,34 +95,38 @@ class Study:
     def _places(self) -> list[tuple[int, ...]]:
         return list(product(*map(range, self.shape)))
 
-    def patch(self, index: int) -> list[PatchOperation]:
-        """Return what makes the study's task that of a point."""
-        return [
-            self._operation(axis, axis.places[place]) for axis, place in zip(self.axes, self.at(index), strict=True)
-        ]
-
     def document_at(self, index: int) -> dict[str, Any]:
-        """Return the task of a point as JSON data."""
-        return changed(self.spec.task, self.patch(index))
+        """Return the task of a point as JSON data, whichever axis is named first.
+
+        What has the member of the other axis in it is put there first, and poses are turned last: else one axis would
+        undo what the other does.
+
+        Raises:
+            SceneError: there can be none, since a value of one axis leaves no such member for the other.
+        """
+        task: dict[str, Any] = self.spec.task
+        values = [(axis, axis.places[place]) for axis, place in zip(self.axes, self.at(index), strict=True)]
+        for axis, value in sorted(values, key=lambda one: (one[0].part == "yaw", one[0].pointer.count("/"))):
+            try:
+                task = changed(task, [_operation(task, axis, value)])
+            except (CannotBeChanged, _NotAPose) as error:
+                raise SceneError(axis.pointer, "is not there with this value of the other axis") from error
+        return task
 
     def task_at(self, index: int) -> PlateLiftTask | SuctionToolTask:
         """Return the task of a point.
 
         Raises:
             pydantic.ValidationError: there can be none, since values of both axes do not go together.
+            SceneError: likewise.
         """
         return read_task(self.document_at(index))
-
-    def _operation(self, axis: StudyAxis, value: JsonValue) -> PatchOperation:
-        if axis.part == "yaw":
-            value = _turned(_member(self.spec.task, axis.pointer), value)
-        return PatchOperation(op="replace", path=axis.pointer, value=value)
 
     def _strange_values(self, number: int) -> list[Problem]:
         """Say which values of an axis no task may have; with two axes, beside the first value of the other."""
         axis, pointer = self.axes[number], f"/axes/{number}"
         try:
-            operations = [self._operation(axis, value) for value in axis.places]
+            operations = [_operation(self.spec.task, axis, value) for value in axis.places]
         except _NotAPose as error:
             return [Problem(f"{pointer}/{error.member}", str(error))]
         problems: list[Problem] = []
@@ -136,6 +142,13 @@ class Study:
                 told = f"{axis.places[place]!r} is not valid there: {first.pointer} {first.detail}"
                 problems.append(replace(first, pointer=where, detail=told))
         return problems[:1] if axis.values is None else problems
+
+
+def _operation(task: Any, axis: StudyAxis, value: JsonValue) -> PatchOperation:
+    """Return what gives a task a value of an axis."""
+    if axis.part == "yaw":
+        value = _turned(_member(task, axis.pointer), value)
+    return PatchOperation(op="replace", path=axis.pointer, value=value)
 
 
 class _NotAPose(LiftwrightError):
@@ -174,7 +187,7 @@ def _members_beside(task: Any, pointer: str) -> list[str]:
 def _turned(pose: Any, angle: JsonValue) -> JsonValue:
     """Return a pose turned about the vertical through its origin, as JSON data."""
     if not isinstance(pose, list | tuple) or len(pose) != 7:
-        raise _NotAPose("pointer", "there is no pose [x, y, z, w, x, y, z] that could be turned")
+        raise _NotAPose("pointer", "there is no pose [x, y, z, qw, qx, qy, qz] that could be turned")
     if isinstance(angle, bool) or not isinstance(angle, int | float):
         raise _NotAPose("values", "a yaw is a number [rad]")
     x, y, z, *q = (float(each) for each in pose)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -103,6 +104,29 @@ def test_a_document_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: 
 def test_an_option_that_cannot_be_followed_is_3_and_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", "--port", "99999"]) == 3
     assert "--port" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "given"),
+    [
+        (["plan", str(TASKS / "ab1.json")], "--apply", "0"),
+        (["plan", str(TASKS / "ab1.json")], "--apply", "one"),
+        (["study", str(TASKS / "ab1.json"), "--axis", "/cup/mu=0.4,0.5"], "--processes", "-1"),
+        (["study", str(TASKS / "ab1.json"), "--axis", "/cup/mu=0.4,0.5"], "--processes", "1.5"),
+        (["execute", "plan.json"], "--speed", "fast"),
+        (["keys", "issue", "--owner", "mes"], "--days", "-1"),
+        (["keys", "issue", "--owner", "mes"], "--days", "nan"),
+        (["keys", "issue", "--owner", "mes"], "--days", "1e12"),
+    ],
+)
+def test_a_number_that_an_option_cannot_have_is_3_and_told_with_those_that_it_can(
+    command: list[str], option: str, given: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main([*command, option, given])
+    told = capsys.readouterr().err
+    assert exit_.value.code == 3
+    assert re.search(rf"argument {option}: must be a .*number.* not {re.escape(given)}$", told.strip())
 
 
 @pytest.mark.parametrize("command", [[], ["serve"], ["api"], ["worker"], ["plan"], ["scene"], ["warmup"]])

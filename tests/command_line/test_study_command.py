@@ -48,6 +48,22 @@ def test_a_member_that_is_not_there_is_told_with_those_that_are(capsys: pytest.C
     assert "/cup/max_force" in told
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("/cup/max_force=1:2:1", "--axis /cup/max_force: COUNT must be"),
+        ("/cup/max_force=1:2e6:3", "--axis /cup/max_force: MAX must be"),
+        ("/plate_pose@roll=0:1:2", "--axis /plate_pose: what stands after @ is"),
+        ("/cup/max_force=-1:2:3", "--axis /cup/max_force: -1.0 is not valid there"),
+    ],
+)
+def test_a_bound_of_an_axis_is_not_told_as_one_of_its_member(
+    text: str, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["study", WEAK, "--axis", text]) == BAD_INPUT
+    assert says in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_map_is_printed_written_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, png = tmp_path / "map.json", tmp_path / "map.png"

@@ -22,7 +22,7 @@ from planners.manipulation.lift_attempts import NOT_WITHIN_TOLERANCES
 from planners.manipulation.lift_settings import LiftSettings
 from planners.plan.verdicts import Cause, PlanningOutcome, Remedy
 from planners.progress import silent
-from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put
+from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put, told_cup_place
 from planners.remedies.find_remedies import CAPACITY, in_vain, why_none, with_cup_at
 from planners.remedies.kinds import KINDS
 from planners.remedies.lift_changes import LiftChanges
@@ -93,6 +93,23 @@ def test_every_other_model_of_the_lifter_is_tried() -> None:
         changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
         others = [change.patch[0].value for change in changes._lifter()]
         assert sorted([model, *map(str, others)]) == ["cable", "dexnet", "paper"]
+
+
+@pytest.mark.parametrize("place", [(-0.0, 0.02), (0.02, -0.0004)])
+def test_no_place_on_a_plate_is_at_less_than_nothing(place: tuple[float, float]) -> None:
+    assert "-0" not in told_cup_place(place)
+
+
+def test_nobody_is_told_to_use_a_lifter_that_does_what_theirs_does() -> None:
+    said = set()
+    for model in ("paper", "cable", "dexnet"):
+        task = posted("ab1", lifter_model=model)
+        assert isinstance(task, PlateLiftTask)
+        changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+        changes._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]
+        said |= {change.sentence.split(":")[0] for change in changes._lifter() if change is not None}
+    assert len(said) == 3
+    assert not any(one in other for one, other in itertools.permutations(said, 2))
 
 
 @pytest.mark.parametrize("most", among([20.0, 24.3, 31.0, math.inf], [20.0, 31.0]))

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from planners.contract.task_spec import PlateLiftTask
+from planners.errors import SceneError
 from planners.geometry.pose import from_pose7
 from planners.study.study import NotAStudy, Study
 
@@ -51,6 +52,48 @@ def test_a_yaw_turns_a_pose_about_the_vertical_where_it_is() -> None:
         assert np.allclose(after[:3, 3], before[:3, 3])
 
 
+@pytest.mark.parametrize(
+    "axes",
+    [
+        (
+            {"pointer": "/plate_pose/0", "values": [0.3, 0.4]},
+            {"pointer": "/plate_pose", "part": "yaw", "values": [0, 1]},
+        ),
+        (
+            {"pointer": "/plate_pose", "values": [[x, 0.1, 1.114, 1, 0, 0, 0] for x in (0.3, 0.4)]},
+            {"pointer": "/plate_pose", "part": "yaw", "values": [0, 1]},
+        ),
+        (
+            {"pointer": "/cup", "values": [{"radius": radius, "max_force": 20} for radius in (0.01, 0.02)]},
+            {"pointer": "/cup/max_force", "values": [15, 20]},
+        ),
+    ],
+    ids=["a place and a yaw", "a pose and a yaw", "a member and one in it"],
+)
+def test_no_axis_undoes_what_the_other_does_whichever_comes_first(axes: tuple[dict[str, Any], ...]) -> None:
+    one, other = study(*axes), study(*reversed(axes))
+    found = {index: one.document_at(index) for index in range(one.count)}
+    assert all(found[i] != found[k] for i in found for k in found if i < k)
+    for index in range(other.count):
+        second, first = other.at(index)
+        assert other.document_at(index) == found[first * other.shape[0] + second]
+
+
+def test_a_value_that_leaves_no_member_for_the_other_axis_is_refused_at_its_points() -> None:
+    board = {"shape": {"type": "box", "size": [0.3, 0.3, 0.05]}, "pose": [0.3, 0, 1.119, 1, 0, 0, 0]}
+    task = {**AB1, "support": board, "plate_pose": [0.3, 0, 1.164, 1, 0, 0, 0]}
+    inners = (
+        {"pointer": "/support/pose/2", "values": [1.119]},
+        {"pointer": "/support/pose", "part": "yaw", "values": [0]},
+    )
+    for inner in inners:
+        varied = Study.read({"task": task, "axes": [{"pointer": "/support", "values": [board, None]}, inner]})
+        assert isinstance(varied.task_at(0), PlateLiftTask)
+        with pytest.raises(SceneError) as refused:
+            varied.task_at(1)
+        assert refused.value.pointers == (inner["pointer"],)
+
+
 def test_a_study_that_was_accepted_is_read_again_as_it_was() -> None:
     varied = study(X, {"pointer": "/plate_pose", "part": "yaw", "values": [0, 0.3]}, certify=True, external_id="mine")
     again = Study.of_document(json.loads(json.dumps(varied.document())))
@@ -63,6 +106,7 @@ def test_a_study_that_was_accepted_is_read_again_as_it_was() -> None:
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "no axis": ({"axes": []}, "/axes"),
     "three axes": ({"axes": [X, X, X]}, "/axes"),
+    "the same member twice": ({"axes": [X, {**X, "min": -0.1}]}, "/axes/1"),
     "an axis of nothing": ({"axes": [{"pointer": "/cup/position/0"}]}, "/axes/0"),
     "a range and a list": ({"axes": [{**X, "values": [1]}]}, "/axes/0"),
     "half a range": ({"axes": [{"pointer": "/cup/position/0", "min": 0.0, "count": 3}]}, "/axes/0"),
