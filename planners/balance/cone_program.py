@@ -203,7 +203,7 @@ class ConeProgram(NamedTuple):
     """Which variable is the cup's net pull."""
 
 
-class Answer(NamedTuple):
+class ProgramAnswer(NamedTuple):
     """Forces that close the balance as well as they can, or what proves that there are none."""
 
     infeasible: bool
@@ -323,7 +323,7 @@ class Template:
             nets.append(cones.norm_at_most(net, limits.grip))
         return nets
 
-    def solve(self, contact_map: Array, load: Array, squeezed: Array, manner: Manner = Manner.QUICK) -> Answer:
+    def solve(self, contact_map: Array, load: Array, squeezed: Array, manner: Manner = Manner.QUICK) -> ProgramAnswer:
         """Solve with new data.
 
         Args:
@@ -336,9 +336,9 @@ class Template:
         self._set_nets(contact_map, squeezed)
         if manner is Manner.CAREFUL:
             infeasible, x, z = self._by_clarabel(contact_map, load)
-            return Answer(infeasible, x, z, *self.closed(x, contact_map, load, squeezed))
+            return ProgramAnswer(infeasible, x, z, *self.closed(x, contact_map, load, squeezed))
         cost = self._free if manner is Manner.CENTRAL else self.cost
-        return Answer(*_solved(contact_map, load, squeezed, cost, self._program))
+        return ProgramAnswer(*_solved(contact_map, load, squeezed, cost, self._program))
 
     def _set_nets(self, contact_map: Array, squeezed: Array) -> None:
         """Write the rows of the gripper's net force."""
@@ -394,7 +394,7 @@ class Template:
 def _solved(
     contact_map: Array, load: Array, squeezed: Array, cost: Array, program: _Program
 ) -> tuple[bool, Array, Array, Array, float, Array]:
-    """Solve a program, and close the balance of what comes out; what is returned is an `Answer`."""
+    """Solve a program, and close the balance of what comes out; what is returned is an `ProgramAnswer`."""
     balance = np.zeros((6, len(cost)))
     balance[:, : contact_map.shape[1]] = contact_map
     offsets = program.offsets - TIGHTENING * program.heads

@@ -12,7 +12,7 @@ from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, Unbalance
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
 from planners.balance.cone_program import (
     TORQUE_LENGTH,
-    Answer,
+    ProgramAnswer,
     Columns,
     ConeProgram,
     Fingers,
@@ -284,7 +284,7 @@ class Balance:
         self._hand_maps[hand] = result
         return result
 
-    def _balanced(self, template: Template, contacts: _Contacts, answer: Answer) -> Balanced:
+    def _balanced(self, template: Template, contacts: _Contacts, answer: ProgramAnswer) -> Balanced:
         columns, x = template.columns, answer.x
         return Balanced(
             held=HeldPlate(contacts.rotation_world_plate, contacts.points, contacts.grip, contacts.push),
