@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Container
 from typing import Any
 
+from pydantic import ValidationError
+
 from app.access.caller import ANYBODY, Caller, Scope
 from app.errors import (
     AlreadyFinished,
@@ -18,7 +20,8 @@ from app.resources.plan_collection import PlanCollection
 from app.resources.queries import page_of
 from app.resources.schemas import PlanResource, StudyResource, study_resource
 from app.settings import ServiceSettings
-from planners.contract.problems import Problem
+from planners.contract.problems import Problem, problems_of
+from planners.errors import SceneError
 from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap
 from workers.stores.job_queue import JobQueue
@@ -135,7 +138,11 @@ class StudyCollection:
         point = next((point for point in self.store.points(study_id) if point.index == index), None)
         if point is not None and point.outcome == "refused":
             raise PointNotFound(f"there can be no plan of point {index}: {point.summary}")
-        submission = self.store.submission(record, study, index)
+        try:
+            submission = self.store.submission(record, study, index)
+        except (ValidationError, SceneError) as error:
+            problem = problems_of(error)[0]
+            raise PointNotFound(f"there can be no plan of point {index}: {problem.pointer} {problem.detail}") from error
         if submission.cell not in cells:
             raise PointNotFound(f"there can be no plan of point {index}: there is no cell {submission.cell} any more")
         return self._plans.admit(submission)

@@ -13,14 +13,14 @@ class NotJson(LiftwrightError):
 
 
 def parse_json(body: bytes, called: str = "the body") -> Any:
-    """Parse `body`, which messages call as its reader does.
+    """Parse `body`, which messages call as its reader does. A byte order mark, as Windows writes one, is skipped.
 
     Raises:
         NotJson: Not UTF-8, not JSON, a literal NaN or Infinity, a key twice in one object, an escape that is half
             of a surrogate pair, an integer of thousands of digits, or nesting beyond what can be read.
     """
     try:
-        text = body.decode("utf-8")
+        text = body.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise NotJson(f"{called} is not UTF-8: byte {error.start} cannot be decoded") from error
     try:

@@ -50,7 +50,7 @@ def parse_yaml(body: bytes) -> tuple[Any, Mapping[str, int]]:
             mapping, an alias of what it is itself part of, or far too much.
     """
     try:
-        text = body.decode("utf-8")
+        text = body.decode("utf-8-sig")
         root = yaml.compose(text, Loader=_CoreLoader)
         reader = _NodeReader()
         return reader.value(root, ()), reader.lines

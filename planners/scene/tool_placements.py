@@ -111,7 +111,7 @@ def place_objects(
     """Settle all objects, at the start and at their goals, each on what stands still or on other objects.
 
     What is wrong is added to `faults`: an object rests on nothing, its centre of mass is outside it, goals overlap, or
-    objects would fall with what rests on them. None if objects could not be settled.
+    objects would fall with what rests on them. None if objects could not be settled; goals of the others are looked at.
     """
     made = [faults.tried(partial(_body, one, f"/objects/{i}", shapes)) for i, one in enumerate(given)]
     bodies = [body for body in made if body is not None]
@@ -119,25 +119,28 @@ def place_objects(
         return None
     starts = _settle_all(bodies, [body.T_world_body for body in bodies], still, _refuse_start, faults)
     goals = _settle_all(bodies, [from_pose7(one.goal_pose) for one in given], still, _refuse_goal, faults)
-    if starts is None or goals is None:
-        return None
-    for i, (body, goal) in enumerate(zip(bodies, goals, strict=True)):
-        if _changes(body, starts[i], goal) and (inside := goal.inside(body.com)) < GOAL_OFF:
-            faults.add(_refuse_goal(i, body.name, _nearly_tips(inside)))
-    faults.tried(lambda: _refuse_fall(bodies, starts, "pose", "at the start"))
-    faults.tried(lambda: _refuse_fall(bodies, goals, "goal_pose", "at their goals"))
+    settled = len(starts) == len(goals) == len(bodies)
+    if settled:
+        for i, body in enumerate(bodies):
+            if _changes(body, starts[i], goals[i]) and (inside := goals[i].inside(body.com)) < GOAL_OFF:
+                faults.add(_refuse_goal(i, body.name, _nearly_tips(inside)))
+        faults.tried(lambda: _refuse_fall(bodies, starts, "pose", "at the start"))
+        faults.tried(lambda: _refuse_fall(bodies, goals, "goal_pose", "at their goals"))
     at_goals = [
-        placed_body(body.collision_body(), goal.T_world_body, f"/objects/{i}/goal_pose")
-        for i, (body, goal) in enumerate(zip(bodies, goals, strict=True))
+        placed_body(bodies[i].collision_body(), goals[i].T_world_body, f"/objects/{i}/goal_pose") for i in sorted(goals)
     ]
+    there = {body.name for body in (*still.bodies, *at_goals)}
+    supports = {bodies[i].name: tuple(filter(there.__contains__, goal.supports)) for i, goal in goals.items()}
     excess = still.excess | {body.name: body.solid.excess for body in bodies}
-    supports = {body.name: goal.supports for body, goal in zip(bodies, goals, strict=True)}
     when = "at its goal"
     faults.tried(lambda: refuse_inside(at_goals, still.cell, excess, when))
     faults.tried(lambda: refuse_overlaps_but_rest(at_goals, [*still.bodies, *at_goals], supports, excess, when))
-    pile = _GoalPile(bodies, goals, at_goals, still, Standing(still.places))
+    if not settled:
+        return None
+    pile = _GoalPile(bodies, [goals[i] for i in range(len(bodies))], at_goals, still, Standing(still.places))
     objects = []
-    for i, (one, start, goal) in enumerate(zip(given, starts, goals, strict=True)):
+    for i, one in enumerate(given):
+        start, goal = starts[i], goals[i]
         body = replace(bodies[i], T_world_body=start.T_world_body)
         turns = pile.turns_at_rest(i, symmetry_turns(body.solid, one.goal_symmetry))
         objects.append(
@@ -226,10 +229,11 @@ def _refuse_goal(index: int, name: str, reason: str) -> SceneError:
 
 def _settle_all(
     bodies: Sequence[Body], poses: Sequence[Transform], still: StillBodies, refuse: Refuse, faults: SceneFaults
-) -> list[Footing] | None:
+) -> dict[int, Footing]:
     """Settle bodies from the bottom up, each on what stands still and on those below it.
 
-    None if any rests on nothing: all that do are added to `faults`, and not what rests on them.
+    Returns:
+        The footings by number. Those that rest on nothing have none and are added to `faults`; not what rests on them.
     """
     places = list(still.places)
     footings: dict[int, Footing] = {}
@@ -242,11 +246,11 @@ def _settle_all(
         else:
             footings[i] = footing
             places += level_places(body.name, body.solid, footing.T_world_body)
-    return [footings[i] for i in range(len(bodies))] if len(footings) == len(bodies) else None
+    return footings
 
 
-def _refuse_fall(bodies: Sequence[Body], footings: Sequence[Footing], member: str, when: str) -> None:
-    fall = first_fall(bodies, footings)
+def _refuse_fall(bodies: Sequence[Body], footings: Mapping[int, Footing], member: str, when: str) -> None:
+    fall = first_fall(bodies, [footings[i] for i in range(len(bodies))])
     if fall is not None:
         pointers = {body.name: f"/objects/{i}/{member}" for i, body in enumerate(bodies)}
         raise ObjectsFall(fall, pointers, when)

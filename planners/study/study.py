@@ -145,9 +145,12 @@ class Study:
 
 
 def _operation(task: Any, axis: StudyAxis, value: JsonValue) -> PatchOperation:
-    """Return what gives a task a value of an axis."""
+    """Return what gives a task a value of an axis; of a range, whole numbers where the task has one."""
+    member = _member(task, axis.pointer)
     if axis.part == "yaw":
-        value = _turned(_member(task, axis.pointer), value)
+        value = _turned(member, value)
+    elif axis.values is None and isinstance(member, int) and isinstance(value, float) and value.is_integer():
+        value = int(value)
     return PatchOperation(op="replace", path=axis.pointer, value=value)
 
 

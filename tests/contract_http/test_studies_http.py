@@ -98,6 +98,19 @@ def test_any_point_is_planned_when_it_is_asked_for_and_once(client: httpx.Client
         assert client.post(f"{study['links']['points']}/{missing}").status_code == 404
 
 
+def test_a_point_that_can_have_no_task_has_no_plan_whether_it_is_examined_or_not(client: httpx.Client) -> None:
+    support = {"shape": {"type": "box", "size": [0.3, 0.3, 0.02]}, "pose": [0.36, 0, 1.11, 1, 0, 0, 0]}
+    heights = {"pointer": "/support/pose/2", "min": 1.11, "max": 1.2, "count": 20}
+    body = {
+        "task": {**task(external_id="slow"), "support": support},
+        "axes": [{"pointer": "/support", "values": [support, None]}, heights],
+    }
+    study = client.post("/v1/studies", json=body).json()
+    refused = client.post(f"{study['links']['points']}/39/plan")
+    assert refused.status_code == 404
+    assert "no plan of point 39: /support/pose/2" in refused.json()["detail"]
+
+
 @pytest.mark.slow
 def test_events_are_the_points_as_they_come_and_can_be_resumed(client: httpx.Client) -> None:
     study = done(client)

@@ -24,6 +24,11 @@ def study(*axes: dict[str, Any], **more: Any) -> Study:
     return Study.read({"task": AB1, "axes": list(axes), **more})
 
 
+def test_a_range_of_whole_numbers_stays_one() -> None:
+    varied = study({"pointer": "/seed", "min": 0, "max": 4, "count": 3})
+    assert [varied.task_at(index).seed for index in range(varied.count)] == [0, 2, 4]
+
+
 def test_points_are_all_combinations_and_the_last_axis_varies_fastest() -> None:
     forces = [15, 20, 25.5]
     varied = study(X, {"pointer": "/cup/max_force", "values": forces})
