@@ -12,11 +12,11 @@ from planners.balance.balanced import Balanced, HeldPlate, Unbalanced, Unbalance
 from planners.balance.capacity import LiftCapacity, largest_environment_normal, lift_capacity
 from planners.balance.cone_program import (
     TORQUE_LENGTH,
-    ProgramAnswer,
     Columns,
     ConeProgram,
     Fingers,
     Manner,
+    ProgramAnswer,
     Structure,
     Template,
     move_to_balance,
