@@ -119,10 +119,12 @@ class NodeExaminer:
 
     def _torque(self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced) -> float:
         """Least joint torque that the hands' contact wrenches ask for, tau = J^T F, over the postures [Nm]."""
-        return sum(
-            self.reached.hand(hand).least_load(T_world_plate, hold.index, hold.postures, wrench, com)
-            for T_world_plate, com, hand, hold, wrench in self._exerting(pose, grip, push, answer)
-        )
+        total = 0.0
+        for T_world_plate, com, hand, hold, wrench in self._exerting(pose, grip, push, answer):
+            known = self.reached.known(hand, pose, hold.index)
+            reach = self.reached.hand(hand)
+            total += reach.least_load(T_world_plate, hold.index, hold.postures, wrench, com, known)
+        return total
 
     def _exerting(
         self, pose: int, grip: HandHold | None, push: HandHold | None, answer: Balanced

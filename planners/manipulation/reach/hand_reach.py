@@ -24,7 +24,7 @@ from planners.collision.kernel import CollisionKernel, first_collision, make_scr
 from planners.collision.model import CollisionQuery
 from planners.geometry.pose import Array, Transform
 from planners.hands.workcell import ArmKernel
-from planners.kinematics.forward import jacobian, link_frames
+from planners.kinematics.forward import link_frames
 from planners.kinematics.inverse import BRANCHES, follow_branch, inverse_kinematics, multiply, within_limits
 from planners.kinematics.joint_torque import torques_at_rest
 from planners.kinematics.windings import wrap
@@ -83,6 +83,11 @@ class PlateQuery:
     def kernel(self) -> PlateKernel:
         """Return a copy of the compiled query that one thread may move the plate in."""
         return PlateKernel(self.query.kernel_copy(), self.plate_frame)
+
+    @cached_property
+    def own_kernel(self) -> PlateKernel:
+        """A copy for whoever asks thousands of times, one pose after the other: not for two threads at once."""
+        return self.kernel()
 
     def first_collisions(self, T_world_plates: Array, q: Array | None = None) -> NDArray[np.int64]:
         """Return for each plate pose (n, 4, 4) the first pair within its margin, or -1: (n,).
@@ -225,10 +230,13 @@ class HandReach:
             near,
         )
 
-    def least_load(self, T_world_plate: Transform, hold: int, postures: int, wrench: Array, point: Array) -> float:
+    def least_load(
+        self, T_world_plate: Transform, hold: int, postures: int, wrench: Array, point: Array, known: int = 0
+    ) -> float:
         """Return the least torque load of the postures in the set that reach a pose and are free of collision [Nm].
 
         It is the sum of |J^T F| over the joints for the hand's contact wrenches; infinite if there is no such posture.
+        Not for two threads at once.
 
         Args:
             T_world_plate: (4, 4).
@@ -236,10 +244,11 @@ class HandReach:
             postures: bit set.
             wrench: (6,) that the hand exerts on the plate, world axes, torque about `point`.
             point: (3,) in the world.
+            known: bit set of postures that are known to reach the pose and to be free.
         """
-        queries, q = (self.alone.kernel(), self.hand_only.kernel()), self.start_positions.copy()
+        queries, q = (self.alone.own_kernel, self.hand_only.own_kernel), self.start_positions.copy()
         force = self.arm.T_world_base, wrench, point
-        return float(_least_load(self.asked(hold, postures), queries, T_world_plate, force, q))
+        return float(_least_load(self.asked(hold, postures), np.uint64(known), queries, T_world_plate, force, q))
 
     def torque_shares(
         self, T_world_plates: Array, hold: int, postures: int, wrenches: Array, points: Array, gravity: Array
@@ -281,7 +290,7 @@ class HandReach:
 
 @dataclass(frozen=True, eq=False)
 class PairReach:
-    """Both hands at once: which postures of one hand go with which of the other."""
+    """Both hands at once: which postures of one hand go with which of the other. Not for two threads at once."""
 
     first: HandReach
     second: HandReach
@@ -323,7 +332,7 @@ class PairReach:
             postures: bit sets.
         """
         one, two = self.first.asked(holds[0], postures[0]), self.second.asked(holds[1], postures[1])
-        found = _compatible(one, two, T_world_plates, self.between.kernel())
+        found = _compatible(one, two, T_world_plates, self.between.own_kernel)
         return None if found < 0 else (int(found) // 64, int(found) % 64)
 
 
@@ -416,12 +425,12 @@ def _track(hold, placed, T_world_plates, T_world_carriers, q):
 
 
 @njit(cache=True, nogil=True)
-def _least_load(hold, queries, T_world_plate, force, q):
+def _least_load(hold, known, queries, T_world_plate, force, q):
     """Return the least load of the postures that reach; to weigh them all is cheaper than to look for collisions."""
     (dh, T_base_world, lo, hi, first_joint), T_plate_flange, postures = hold
     T_world_base, wrench, point = force
     (kernel, frame), (hand, hand_frame) = queries
-    loads, solutions = np.full(64, np.inf), np.empty((8, 8, 6))
+    loads, solutions, frames = np.full(64, np.inf), np.empty((8, 8, 6)), np.empty((7, 4, 4))
     T_base_plate, T_base_flange = np.empty((4, 4)), np.empty((4, 4))
     multiply(T_base_world, T_world_plate, T_base_plate)
     for v in range(T_plate_flange.shape[0]):
@@ -432,26 +441,27 @@ def _least_load(hold, queries, T_world_plate, force, q):
         branches &= inverse_kinematics(dh, T_base_flange, 0.0, solutions[v])
         for branch in range(8):
             if (branches >> branch) & 1 and within_limits(solutions[v, branch], lo, hi):
-                J = jacobian(dh, T_world_base, solutions[v, branch], point)
-                total = 0.0
+                link_frames(dh, T_world_base, solutions[v, branch], frames)
+                loads[8 * v + branch] = 0.0
                 for i in range(6):
-                    torque = 0.0
-                    for k in range(6):
-                        torque += J[k, i] * wrench[k]
-                    total += abs(torque)
-                loads[8 * v + branch] = total
-    scratch, hand_scratch = make_scratch(kernel), make_scratch(hand)
+                    # The wrench's torque about a point of the joint's axis, along the axis.
+                    x, y, z = point[0] - frames[i, 0, 3], point[1] - frames[i, 1, 3], point[2] - frames[i, 2, 3]
+                    torque = frames[i, 0, 2] * (wrench[3] + y * wrench[2] - z * wrench[1])
+                    torque += frames[i, 1, 2] * (wrench[4] + z * wrench[0] - x * wrench[2])
+                    torque += frames[i, 2, 2] * (wrench[5] + x * wrench[1] - y * wrench[0])
+                    loads[8 * v + branch] += abs(torque)
+    scratch = make_scratch(kernel)
     set_frame(kernel, frame, T_world_plate)
     set_frame(hand, hand_frame, T_world_plate)
     while True:
         least = np.argmin(loads)
-        if loads[least] == np.inf:
-            return np.inf
+        if loads[least] == np.inf or (known >> np.uint64(least)) & np.uint64(1):
+            return loads[least]
         q[first_joint : first_joint + 6] = solutions[least // 8, least % 8]
         if first_collision(kernel, q, scratch) < 0:
             return loads[least]
         loads[least] = np.inf
-        if first_collision(hand, q, hand_scratch) >= 0:
+        if first_collision(hand, q, make_scratch(hand)) >= 0:
             # The hand stands where it does whichever branch the arm is in.
             loads[8 * (least // 8) : 8 * (least // 8) + 8] = np.inf
 
