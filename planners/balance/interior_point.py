@@ -63,35 +63,31 @@ class Cones(NamedTuple):
         """
         return _cones(pattern.tobytes(), pattern.shape[1], sizes)
 
-    @classmethod
-    def _of(cls, pattern: NDArray[np.bool_], sizes: tuple[int, ...]) -> Cones:
-        last = pattern.shape[1] - 1
-        starts = np.concatenate([np.arange(sizes[0]), sizes[0] + np.cumsum([0, *sizes[1:]])])
-        cones = [np.arange(first, end) for first, end in pairwise(starts)]
-        touched = [np.flatnonzero(pattern[rows, :last].any(axis=0)) for rows in cones]
-        # Variables of a block are next to each other: it begins where no cone reaches across.
-        begins = np.ones(last + 1, bool)
-        for columns in touched:
-            if len(columns):
-                begins[columns[0] + 1 : columns[-1] + 1] = False
-        block = np.cumsum(begins[:last])
-        of_cone = np.array([block[columns[0]] if len(columns) else 0 for columns in touched])
-        by_block = np.argsort(of_cone, kind="stable")
-        edges = np.concatenate([[0], np.flatnonzero(begins[:last]), [last]])
-        count = len(edges) - 1
-        return cls(
-            np.concatenate([cones[k] for k in by_block]),
-            np.cumsum([0, *(len(cones[k]) for k in by_block)]),
-            np.searchsorted(of_cone[by_block], np.arange(count + 1)),
-            edges,
-            int(np.diff(edges).max()) + 1,
-        )
-
 
 @lru_cache(maxsize=256)
 def _cones(pattern: bytes, size: int, sizes: tuple[int, ...]) -> Cones:
     """Return the cones of a pattern of rows; programs with other limits mostly have the same."""
-    return Cones._of(np.frombuffer(pattern, bool).reshape(-1, size), sizes)
+    entries = np.frombuffer(pattern, bool).reshape(-1, size)
+    starts = np.concatenate([np.arange(sizes[0]), sizes[0] + np.cumsum([0, *sizes[1:]])])
+    cones = [np.arange(first, end) for first, end in pairwise(starts)]
+    touched = [np.flatnonzero(entries[rows, :-1].any(axis=0)) for rows in cones]
+    # Variables of a block are next to each other: it begins where no cone reaches across.
+    begins = np.ones(size - 1, bool)
+    for columns in touched:
+        if len(columns):
+            begins[columns[0] + 1 : columns[-1] + 1] = False
+    # What bounds the last variable alone is a block before the first.
+    block = np.cumsum(begins)
+    of_cone = np.array([block[columns[0]] if len(columns) else 0 for columns in touched])
+    by_block = np.argsort(of_cone, kind="stable")
+    edges = np.array([0, *np.flatnonzero(begins), size - 1])
+    return Cones(
+        np.concatenate([cones[k] for k in by_block]),
+        np.cumsum([0, *(len(cones[k]) for k in by_block)]),
+        np.searchsorted(of_cone[by_block], np.arange(len(edges))),
+        edges,
+        int(np.diff(edges).max()) + 1,
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -168,7 +164,7 @@ def solve_cone_program(
             return SOLVED, x * (unit / tau), y / tau, _put_back(z, order, 1.0 / tau)
         left_tau = kappa + cost_x - proven
         if not _scale(s, z, packed, row_starts, w, eta, scaled, scaled_rows, along):
-            return STUCK, x, y, z
+            return STUCK, x, y, _put_back(z, order, 1.0)
         _unscaled(h, w, eta, row_starts, scaled_h)
         _unscaled(left_z, w, eta, row_starts, scaled_left)
         _factor(scaled_rows, cones, upper)
@@ -190,11 +186,9 @@ def solve_cone_program(
             if correcting:
                 center = (1.0 - length) ** 3
                 kappa_side = center * mu - kappa * tau - kappa_step * tau_step
-            else:
-                kappa_side = -kappa * tau
-            if correcting:
                 _divided(scaled, step_s, z2, center * mu, row_starts, divided)
             else:
+                kappa_side = -kappa * tau
                 for r in range(m):
                     divided[r] = -scaled[r]
             kept = 1.0 - center
@@ -233,8 +227,8 @@ def solve_cone_program(
         tau += length * tau_step
         kappa += length * kappa_step
         if not (tau > 0.0 and kappa > 0.0 and np.isfinite(tau)):
-            return STUCK, x, y, z
-    return STUCK, x, y, z
+            return STUCK, x, y, _put_back(z, order, 1.0)
+    return STUCK, x, y, _put_back(z, order, 1.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
