@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 import tomllib
 from collections import defaultdict
@@ -142,12 +143,14 @@ def test_no_part_imports_what_stands_above_it(folder: str) -> None:
 
 def test_a_module_of_the_tests_has_one_name() -> None:
     """Imported by two names, it would be two modules: what one is told, the other would not know."""
-    parts = {path.name for path in (ROOT / "tests").iterdir()}
-    # A script that is run by itself finds what lies beside it.
+    parts = {path.stem for path in (ROOT / "tests").iterdir()}
+    imported = re.compile(rf"^\s*(?:from|import) ({'|'.join(parts)})\b", re.MULTILINE)
     double = [
         path
         for path in (ROOT / "tests").rglob("*.py")
-        if any(not path.with_name(f"{part}.py").exists() for part in imported_packages(path) & parts)
+        # A script that is run by itself finds what lies beside it.
+        for part in imported.findall(path.read_text())
+        if not path.with_name(f"{part}.py").exists()
     ]
     assert not double
 
