@@ -415,7 +415,7 @@ def _closed(
     rows, offsets, layout = program.rows, program.offsets, program.layout
     if not np.all(np.isfinite(x)):
         x[:] = 0.0
-    residual = move_to_balance(x, contact_map, load, np.ones(len(x)), 2)
+    residual = move_to_balance(x, contact_map, load, np.ones(len(x)))
     if layout.effort >= 0:
         x[layout.effort] = _effort(rows, offsets, x, layout)
     hands = np.zeros((2, 6))
@@ -429,7 +429,7 @@ def _closed(
 
 
 @njit(cache=True, nogil=True)
-def move_to_balance(x: Array, contact_map: Array, load: Array, room: Array, times: int) -> Array:
+def move_to_balance(x: Array, contact_map: Array, load: Array, room: Array) -> Array:
     """Move x to meet (5b), in place, by the least in measures of the room that each variable has.
 
     Args:
@@ -437,7 +437,6 @@ def move_to_balance(x: Array, contact_map: Array, load: Array, room: Array, time
         contact_map: (6, k), of the first k variables.
         load: (6,).
         room: (size,).
-        times: twice for the last digits.
 
     Returns:
         (6,) what is left.
@@ -455,7 +454,8 @@ def move_to_balance(x: Array, contact_map: Array, load: Array, room: Array, time
     for i in range(6):
         normal[i, i] += damping
     factor(normal)
-    for _ in range(times):
+    # Twice for the last digits.
+    for _ in range(2):
         twist = residual.copy()
         solve_factored(normal, twist)
         for column in range(count):

@@ -27,13 +27,17 @@ SOLVED, INFEASIBLE, STUCK = 0, 1, 2
 _MOST_ITERATIONS = 40
 """A program takes 8 to 14; what takes more is left to another solver."""
 _ACCURACY = 1e-8
-"""Of balance, limits and optimality, relative to load and offsets [1]."""
+"""Of optimality, relative to the forces that there are [1]."""
+_FEASIBILITY = 1e-9
+"""Of balance and limits, likewise [1]."""
 _PROOF_ACCURACY = 1e-7
 """How far a dual may be from a proof, relative to what it proves [1]."""
 _TO_THE_BORDER = 0.99
 """Share of the way to the nearest cone's border that a step goes at most [1]."""
 _PIVOT = 1e-14
 """Below this share of its own diagonal entry a pivot is rounding [1]."""
+_NOTHING = 1e-30
+"""A pivot that stands for 0."""
 
 
 class Cones(NamedTuple):
@@ -97,7 +101,7 @@ def solve_cone_program(
     """Solve a program, or prove that it has no solution.
 
     Args:
-        balance: (p, n), linearly independent or nearly so.
+        balance: (p, n). Where its rows depend on one another, a program that cannot balance its load may end as STUCK.
         load: (p,).
         rows: (m, n), of full column rank.
         offsets: (m,).
@@ -105,7 +109,8 @@ def solve_cone_program(
         cones: of the rows.
 
     Returns:
-        SOLVED, INFEASIBLE or STUCK; x (n,); the duals (p,) of the balance and (m,) of the cones.
+        SOLVED, INFEASIBLE or STUCK; x (n,), which is nothing unless SOLVED; the duals (p,) of the balance and (m,) of
+        the cones.
         Where it is INFEASIBLE, `balance.T @ y` is `rows.T @ z` with z in the cones, while `load @ y + offsets @ z` is
         -1.
     """
@@ -131,7 +136,7 @@ def solve_cone_program(
     scaled_h, scaled_left, divided, along = np.empty(m), np.empty(m), np.empty(m), np.empty(width)
     x1, y1, z1, x2, y2, z2 = np.empty(n), np.empty(p), np.empty(m), np.empty(n), np.empty(p), np.empty(m)
     first, second, third, step_s = np.empty(n), np.empty(p), np.empty(m), np.empty(m)
-    cost_size = 1.0 + _largest(cost)
+    cost_size, load_size = 1.0 + _largest(cost), max(_largest(b), 1e-8)
     for _ in range(_MOST_ITERATIONS):
         # What is left of the embedding's equations.
         cost_x = load_y = offset_z = gap = 0.0
@@ -156,10 +161,12 @@ def solve_cone_program(
             return INFEASIBLE, x, y / (proven * unit), _put_back(z, order, 1.0 / (proven * unit))
         for j in range(n):
             left_x[j] += cost[j] * tau
+        # Not relative to limits: they may be so large that they play no part.
+        size = min(tau, max(load_size * tau, _largest(x)))
         if (
-            max(_largest(left_y), _largest(left_z)) <= _ACCURACY * tau
+            max(_largest(left_y), _largest(left_z)) <= _FEASIBILITY * size
             and _largest(left_x) <= _ACCURACY * cost_size * tau
-            and gap / tau <= _ACCURACY * max(tau, abs(cost_x))
+            and gap / tau <= _ACCURACY * max(size, abs(cost_x))
         ):
             return SOLVED, x * (unit / tau), y / tau, _put_back(z, order, 1.0 / tau)
         left_tau = kappa + cost_x - proven
@@ -275,10 +282,11 @@ def _dot(a, b):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _largest(v):
-    """Return the largest magnitude."""
+    """Return the largest magnitude; infinite where anything is no number."""
     largest = 0.0
     for each in v:
-        largest = max(largest, abs(each))
+        if not abs(each) <= largest:
+            largest = abs(each) if abs(each) < np.inf else np.inf
     return largest
 
 
@@ -484,8 +492,8 @@ def factor(matrix):
         diagonal = total = matrix[i, i]
         for k in range(i):
             total -= matrix[i, k] * matrix[i, k]
-        # What contacts can hardly exert: less is rounding.
-        matrix[i, i] = 1.0 / math.sqrt(max(total, _PIVOT * diagonal))
+        # What contacts can hardly exert: less is rounding. What they cannot exert at all is 0.
+        matrix[i, i] = 1.0 / math.sqrt(max(total, _PIVOT * diagonal, _NOTHING))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -191,7 +191,7 @@ class Balance:
     def _holds(self, contacts: _Contacts, contact_map: Array, squeezed: Array, near: tuple[Array, Array]) -> bool:
         """Tell whether forces that hold a similar plate keep within their limits when moved to hold this one."""
         x, load = near[0].copy(), contacts.load(squeezed)
-        move_to_balance(x, contact_map, load, near[1], 1)
+        move_to_balance(x, contact_map, load, near[1])
         residual, slack, _ = self._template(contacts.structure).closed(x, contact_map, load, squeezed)
         return slack >= 0.0 and float(np.abs(residual).max()) <= MAX_RESIDUAL * self.weight
 
@@ -216,16 +216,17 @@ class Balance:
         """Solve once. The solver's verdict only says what to check first; the checks decide."""
         template = self._template(contacts.structure)
         answer = template.solve(contact_map, contacts.load(squeezed), squeezed, manner)
-        proofs = []
-        if not answer.infeasible:
-            if answer.slack >= 0.0 and np.abs(answer.residual).max() <= MAX_RESIDUAL * self.weight:
-                return self._balanced(template, contacts, answer)
-            # What no forces at all can close is square to them: a proof where the solver breaks down.
-            proofs.append(_proof_from_dual(-answer.residual, np.zeros(3)))
-        proofs.append(_proof_from_dual(answer.z[:6], template.net_multiplier(answer.z)))
+        held = answer.slack >= 0.0 and np.abs(answer.residual).max() <= MAX_RESIDUAL * self.weight
+        if held and not answer.infeasible:
+            return self._balanced(template, contacts, answer)
+        proofs = [_proof_from_dual(answer.z[:6], template.net_multiplier(answer.z))]
         if not len(contacts.points):
             proofs.append(UnbalanceProof(np.concatenate([contacts.up, np.zeros(3)]), contacts.up))
-        return self._unbalanced(contacts, proofs)
+        refused = self._unbalanced(contacts, proofs)
+        if refused.proof is None:
+            # What no forces at all can close is square to them: where the contacts cannot exert every wrench.
+            refused = self._unbalanced(contacts, [_proof_from_dual(-answer.residual, np.zeros(3))])
+        return refused
 
     def capacity(self, max_tilt: float) -> LiftCapacity:
         """Compare the weight with all that can carry the plate off the table, tilted by at most `max_tilt` [rad]."""
@@ -311,7 +312,8 @@ class Balance:
         return wrenches
 
     def _unbalanced(self, contacts: _Contacts, proofs: list[UnbalanceProof]) -> Unbalanced:
-        proof, power = min(((proof, self._power(proof, contacts)) for proof in proofs), key=lambda pair: pair[1])
+        powers = [power if np.isfinite(power) else np.inf for power in (self._power(each, contacts) for each in proofs)]
+        proof, power = min(zip(proofs, powers, strict=True), key=lambda pair: pair[1])
         if power >= -PROOF_MARGIN * self.weight:
             return Unbalanced(UnbalanceReason.WITHIN_TOLERANCE, proof=None, power=0.0)
         return Unbalanced(UnbalanceReason.PROVEN, proof=proof, power=power)

@@ -147,5 +147,9 @@ def test_units_do_not_matter(programs):
 
 def test_what_is_no_program_ends_and_is_not_called_solved():
     program = random_program(0)
-    broken = program._replace(load=np.full(len(program.load), np.nan))
-    assert broken.solve()[0] == STUCK
+    for member in ("balance", "load", "rows", "offsets", "cost"):
+        numbers = getattr(program, member).copy()
+        numbers.flat[np.flatnonzero(numbers)[0] if numbers.any() else 0] = np.nan
+        # Where the entries are is known from the program as it was.
+        cones = Cones.of(program.rows != 0.0, program.sizes)
+        assert solve_cone_program(*program._replace(**{member: numbers})[:5], cones)[0] == STUCK, member

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 from typing import get_args
 
@@ -10,6 +11,9 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
+from planners.balance.cone_program import Template
+from planners.balance.contacts import Cup, Friction, HandLimits
+from planners.balance.solver import Balance
 from planners.contract.task_spec import LifterModel
 from tests.support.balance_statement import solve_stated
 from tests.support.samples import sample
@@ -134,3 +138,37 @@ def net_hand_forces(answer):
             if name.startswith(hand)
         ]
         yield float(np.linalg.norm(np.sum(forces, axis=0))) if forces else 0.0
+
+
+@pytest.mark.parametrize("limit", [1e3, 1e6, 1e9])
+def test_a_limit_that_is_never_come_near_changes_nothing(random_lift, monkeypatch, limit):
+    lifts = [random_lift(seed, "paper", 2, True, True) for seed in range(12)]
+    answers = [lift.solve() for lift in lifts]
+    assert any(isinstance(answer, Balanced) for answer in answers)
+    monkeypatch.setattr(Template, "_by_clarabel", None)
+    for lift, answer in zip(lifts, answers, strict=True):
+        if isinstance(answer, Balanced):
+            limits = replace(lift.plate.limits, push=limit)
+            freer = replace(lift, plate=replace(lift.plate, limits=limits)).solve()
+            assert isinstance(freer, Balanced)
+            assert freer.objective <= answer.objective + 1e-5
+
+
+@pytest.mark.parametrize("model", get_args(LifterModel))
+def test_no_forces_are_told_of_what_is_no_number_and_nothing_is_proven(random_lift, model):
+    lift = random_lift(0, model, 2, True, True)
+    turned = replace(lift, rotation=np.full((3, 3), np.nan))
+    answer = turned.solve()
+    assert isinstance(answer, Unbalanced)
+    assert answer.reason is UnbalanceReason.WITHIN_TOLERANCE
+
+
+def test_a_cable_alone_holds_a_plate_below_its_point_and_no_other(monkeypatch):
+    monkeypatch.setattr(Template, "_by_clarabel", None)
+    for offset in (0.0, 0.01, 0.1):
+        cup = Cup.on_top((offset, 0.0, 0.02), 0.0175, 60.0)
+        balance = Balance(4.0, np.zeros(3), cup, Friction(), HandLimits(), "cable")
+        answer = balance.solve(np.eye(3), np.zeros((0, 3)))
+        assert isinstance(answer, Balanced if offset == 0.0 else Unbalanced)
+        if isinstance(answer, Unbalanced):
+            assert answer.reason is UnbalanceReason.PROVEN
