@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from planners.geometry.pose import Transform
+from planners.geometry.pose import Transform, rotation_z, transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.plan.segment import SegmentKind
 from planners.plan.verdicts import PlanningOutcome, shortage_words
@@ -29,7 +30,7 @@ from planners.regrasp.tool_capacity import impossibilities
 from planners.regrasp.tool_plan import ConsideredPlaces, ToolPlan
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
-from planners.scene.moved_object import MovedObject
+from planners.scene.moved_object import AXIS_STEP, MovedObject
 from planners.scene.standing import Standing
 from planners.scene.tool_placements import StillBodies
 from planners.scene.tool_scene import SuctionToolScene
@@ -303,7 +304,18 @@ def _has_to_move(scene: SuctionToolScene, target: MovedObject) -> bool:
 
 
 def _is_there(target: MovedObject) -> bool:
-    return any(_same(target.body.T_world_body, T) for T in target.goals)
+    """Tell whether an object is at a goal, or turned about its axis from one goal towards the next."""
+    T_world_object = target.body.T_world_body
+    if any(_same(T_world_object, T) for T in target.goals):
+        return True
+    return target.turns_freely and sum(_turns_into(T, T_world_object) for T in target.goals) > 1
+
+
+def _turns_into(T_world_goal: Transform, T_world_object: Transform) -> bool:
+    """Tell whether a turn about the axis of a goal, by less than to the next one, leads to a pose."""
+    R = T_world_goal[:3, :3].T @ T_world_object[:3, :3]
+    angle = math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
+    return abs(angle) < AXIS_STEP and _same(T_world_object, T_world_goal @ transform(rotation_z(angle)))
 
 
 def _is_off_goal(target: MovedObject) -> bool:

@@ -67,6 +67,12 @@ class MovedObject:
         """(k, 4, 4) `T_world_object` of every goal."""
         return self.T_world_goal @ self.goal_turns
 
+    @property
+    def turns_freely(self) -> bool:
+        """Whether the goal tells no turns about the body's z axis apart, of which `goal_turns` are a sample."""
+        round_ = isinstance(self.body.solid, ExtrudedSolid) and self.body.solid.is_round
+        return self.symmetry == "axis" or (self.symmetry == "shape" and round_)
+
     def off_goal(self, T_world_object: Transform) -> float:
         """Return how far a pose is from the goal as it is given, or the nearest of all its turns.
 
@@ -75,8 +81,7 @@ class MovedObject:
             about an axis are not sampled here; the object need not rest after the turn.
         """
         T_goal_object = inverse(self.T_world_goal_given) @ T_world_object
-        round_ = isinstance(self.body.solid, ExtrudedSolid) and self.body.solid.is_round
-        if self.symmetry == "axis" or (self.symmetry == "shape" and round_):
+        if self.turns_freely:
             upright = T_goal_object[2, 2] if self.symmetry == "axis" else abs(T_goal_object[2, 2])
             angle = math.atan2(math.hypot(T_goal_object[0, 2], T_goal_object[1, 2]), upright)
             return max(float(np.linalg.norm(T_goal_object[:3, 3])) / GOAL_DISTANCE, angle / GOAL_ANGLE)

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from planners.cell.hand import Gripper
 from planners.contract.shapes import Box, Cylinder
-from planners.geometry.pose import inverse, rotation_y, transform
-from planners.regrasp.grasps.tool_grasps import ToolGraspSettings, tool_grasps
+from planners.geometry.pose import inverse, rotation_x, rotation_y, transform
+from planners.regrasp.grasps import pad_contacts
+from planners.regrasp.grasps import tool_grasps as module
+from planners.regrasp.grasps.pad_contacts import PadContacts, PadContactSettings
+from planners.regrasp.grasps.tool_grasps import Fingertips, ToolGraspSettings, tool_grasps
 from planners.scene.solid import solid_of
 from tests.regrasp.hand_oracle import NEAR, hand_slack, tool_of
 
@@ -48,6 +52,29 @@ def tool(request, long_tool, short_tool):
 @pytest.fixture
 def grasps(tool, gripper):
     return tool_grasps(tool, gripper, SETTINGS)
+
+
+@pytest.mark.parametrize("most", [1, 70])
+@pytest.mark.parametrize("fingertips", [None, Fingertips()])
+def test_no_more_grasps_are_kept_than_asked_for_where_contacts_close_along_many_axes(
+    most: int, fingertips: Fingertips | None, gripper: Gripper, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Contacts that close along different axes are kept however far apart contacts have to be."""
+    spacings = []
+
+    def spread(contacts: PadContacts, settings: PadContactSettings) -> PadContacts:
+        spacings.append(settings.spacing)
+        return pad_contacts.spread(contacts, settings) if len(spacings) < 100 else pytest.fail("contacts move for ever")
+
+    monkeypatch.setattr(module, "spread", spread)
+    cubes = (at(0, 0, 0.15, rotation=rotation_y(0.3)), at(0, 0, 0.22, rotation=rotation_x(0.8)))
+    tool, settings = tool_of(*((block(0.04, 0.04, 0.04), T) for T in cubes)), replace(SETTINGS, fingertips=fingertips)
+    found = tool_grasps(tool, gripper, replace(settings, most=most))
+    apart = tool_grasps(tool, gripper, replace(settings, most=10**6, contacts=replace(settings.contacts, spacing=1.0)))
+    assert len(found) <= most < len(apart)
+    among = {np.ascontiguousarray(T).tobytes() for T in apart.T_tool_tcp}
+    assert all(np.ascontiguousarray(T).tobytes() in among for T in found.T_tool_tcp)
+    assert most == 1 or len(found)
 
 
 def test_the_pads_of_every_grasp_lie_on_the_tool(tool, grasps):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from planners.contract.task_spec import SuctionToolTask, read_task
+from planners.geometry.pose import rotation_z
 from planners.regrasp.pile import object_order
 from planners.regrasp.pile.object_order import ObjectOrder
 from planners.scene.rest import REST_GAP
@@ -13,16 +16,24 @@ from planners.scene.tool_scene import build_tool_scene
 
 SIZE = [0.1, 0.06, 0.04]
 LOW, HIGH = 1.094 + 0.02, 1.094 + 0.06
+MIDDLE = np.array([0.4, 0.0, 0.0])
 
 
-def order_of(**places: tuple[list[float], list[float]]) -> ObjectOrder:
+def order_of(turned: float = 0.0, /, **places: tuple[list[float], list[float]]) -> ObjectOrder:
+    """Return the order of boxes that go from place to place, all of it turned by an angle about `MIDDLE` [rad]."""
+    R = rotation_z(turned)
+
+    def pose(place: list[float]) -> list[float]:
+        at = MIDDLE + R @ (np.array(place) - MIDDLE) if turned else place
+        return [*at, math.cos(0.5 * turned), 0, 0, math.sin(0.5 * turned)]
+
     objects = [
         {
             "name": name,
             "shape": {"type": "box", "size": SIZE},
             "mass": 0.1,
-            "pose": [*start, 1, 0, 0, 0],
-            "goal_pose": [*goal, 1, 0, 0, 0],
+            "pose": pose(start),
+            "goal_pose": pose(goal),
         }
         for name, (start, goal) in places.items()
     ]
@@ -54,6 +65,17 @@ def test_what_stands_in_the_way_of_a_goal_comes_first() -> None:
         standing=([0.4, 0.16, LOW], [0.3, -0.35, LOW]),
     )
     assert order.next(frozenset()) == ("standing",)
+
+
+@pytest.mark.parametrize("degrees", [30.0, 0.0, 45.0, -70.0])
+def test_to_touch_a_goal_is_not_to_stand_in_its_way_however_all_of_it_is_turned(degrees: float) -> None:
+    for into, first in ((0.0, "mover"), (1e-4, "standing")):
+        order = order_of(
+            math.radians(degrees),
+            mover=([0.4, 0.2, LOW], [0.4, SIZE[1] - into, LOW]),
+            standing=([0.4, 0.0, LOW], [0.4, -0.25, LOW]),
+        )
+        assert order.next(frozenset())[0] == first
 
 
 def test_objects_that_wait_for_one_another_cannot_be_moved() -> None:

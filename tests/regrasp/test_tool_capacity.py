@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from planners.planning import plan
 from planners.progress import silent
 from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
-from planners.regrasp.planner import SuctionToolPlanner, infeasible_plan
+from planners.regrasp.planner import SuctionToolPlanner, _has_to_move, infeasible_plan
 from planners.regrasp.suction.suction_hold import suction_margin
 from planners.regrasp.tool_capacity import largest_lift, least_width
 from planners.regrasp.tool_settings import ToolPlannerSettings
@@ -99,6 +100,24 @@ def test_what_is_too_heavy_and_at_its_goal_already_stays_there() -> None:
     scene = scene_of(box("block", [0.3, 0.3], [0.3, 0.3], mass=20.0))
     assert infeasible_plan(scene) is None
     assert planner_of(scene, none_for(scene.cell, scene.tool)).plan().outcome is PlanningOutcome.SOLVED
+
+
+@pytest.mark.parametrize("degrees", [7.5, 0.3, 352.0, 101.0])
+def test_a_turn_that_the_goal_does_not_tell_apart_moves_nothing_and_any_other_does(degrees: float) -> None:
+    turned, goal, aside = [0.3, 0.3, math.radians(degrees)], [0.3, 0.3], [0.3, -0.3]
+    can = {"shape": {"type": "cylinder", "radius": 0.04, "height": 0.05}}
+    beside = box("beside", aside, [0.3, 0.3805])
+    for stays, objects in (
+        (True, [box("can", turned, goal, goal_symmetry="axis", **can)]),
+        (True, [box("can", turned, goal, goal_symmetry="shape", **can)]),
+        (False, [box("can", turned, goal, goal_symmetry="none", **can)]),
+        (True, [box("block", turned, goal, goal_symmetry="axis")]),
+        (False, [box("block", turned, goal, goal_symmetry="shape")]),
+        # Turned like this it would be in the way of what is to stand beside it.
+        (False, [box("block", turned, goal, goal_symmetry="axis"), beside]),
+    ):
+        scene = scene_of(*objects)
+        assert _has_to_move(scene, scene.objects[0]) is not stays
 
 
 def test_a_tool_that_no_grasp_was_found_for_is_not_proven_impossible() -> None:

@@ -56,8 +56,8 @@ class ToolGraspSettings:
     rolls: int = 16
     """Directions to approach from in a full turn about the closing axis: 22.5 degrees apart (the authors')."""
     most: int = 480
-    """Grasps that are kept; where there are more their contacts move apart. Our choice: the handover database grows
-    with the square of it."""
+    """Grasps that are kept; where there are more their contacts move apart, and where that is not enough the last ones
+    are left out. Our choice: the handover database grows with the square of it."""
     lip_clearance: float = 0.04
     """Least height of both contacts over the plane of the cup's lip [m]: nothing soft is gripped, and a hand that comes
     along an object's face, half as thick as its force sensor, keeps off it; our choice."""
@@ -159,13 +159,18 @@ def tool_grasps(tool: SuctionTool, gripper: Gripper, settings: ToolGraspSettings
     if settings.fingertips is not None:
         ends = all_pad_contacts(vertices, faces, width_max, settings.fingertips.among(settings.contacts))
         ends = _off_the_lip(ends, settings.lip_clearance)
-    spacing = settings.contacts.spacing
+    spacing, farthest = settings.contacts.spacing, float(np.linalg.norm(np.ptp(vertices, axis=0)))
     while True:
         chosen = _off_the_lip(spread(contacts, replace(settings.contacts, spacing=spacing)), settings.lip_clearance)
         grasps = _grasps_on(tool, gripper, settings, chosen, ends)
-        if len(grasps) <= settings.most:
-            return grasps
+        if len(grasps) <= settings.most or spacing > farthest:
+            break
         spacing *= _SPACING_GROWTH
+    while len(grasps) > settings.most:
+        # What closes along other axes stays, however far apart contacts have to be: the last of them are left out.
+        chosen = chosen.only(np.arange(len(chosen) - 1))
+        grasps = _grasps_on(tool, gripper, settings, chosen, ends)
+    return grasps
 
 
 def _grasps_on(

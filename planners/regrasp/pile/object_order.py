@@ -11,12 +11,12 @@ import numpy as np
 from planners.geometry.pose import Transform
 from planners.graph.rejections import Rejection
 from planners.regrasp.statics.resting import resting_points
-from planners.scene.clashes import PlacedBody, gap, placed_body
+from planners.scene.clashes import PlacedBody, depth, gap, placed_body
 from planners.scene.moved_object import MovedObject
 from planners.scene.rest import REST_GAP
 
 CONTACT = 1e-6
-"""Bodies that are no farther apart touch: what rests on another does so to rounding [m]."""
+"""Bodies that are no deeper in one another touch: what rests on another does so to rounding [m]."""
 _NEAR = 2.0 * REST_GAP
 """Bodies that are farther apart do not rest on one another [m]."""
 
@@ -121,7 +121,8 @@ def _overlap(one: PlacedBody, other: PlacedBody) -> bool:
     """Tell whether two bodies share room; side by side or on top of one another is apart."""
     low = np.maximum(one.lowest, other.lowest)
     high = np.minimum(one.highest, other.highest)
-    return bool(np.all(high - low > CONTACT)) and gap(one, other) <= CONTACT
+    # Boxes around turned bodies overlap before these do, and those that touch are apart by nothing.
+    return bool(np.all(high - low > CONTACT)) and gap(one, other) <= 0.0 and depth(one, other) > CONTACT
 
 
 def _rests_on(upper: MovedObject, T_world_upper: Transform, lower: MovedObject, T_world_lower: Transform) -> bool:
