@@ -28,7 +28,7 @@ _MOST_ITERATIONS = 40
 """A program takes 8 to 14; what takes more is left to another solver."""
 _ACCURACY = 1e-8
 """Of optimality, relative to the forces that there are [1]."""
-_FEASIBILITY = 1e-9
+_FEASIBILITY = 5e-9
 """Of balance and limits, likewise [1]."""
 _PROOF_ACCURACY = 1e-7
 """How far a dual may be from a proof, relative to what it proves [1]."""
