@@ -20,7 +20,7 @@ from app.resources.plan_collection import PlanCollection
 from app.resources.queries import page_of
 from app.resources.schemas import PlanResource, StudyResource, study_resource
 from app.settings import ServiceSettings
-from planners.contract.problems import Problem, problems_of
+from planners.contract.problems import Problem, reasons_of
 from planners.errors import SceneError
 from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap
@@ -141,8 +141,7 @@ class StudyCollection:
         try:
             submission = self.store.submission(record, study, index)
         except (ValidationError, SceneError) as error:
-            problem = problems_of(error)[0]
-            raise PointNotFound(f"there can be no plan of point {index}: {problem.pointer} {problem.detail}") from error
+            raise PointNotFound(f"there can be no plan of point {index}: {reasons_of(error)}") from error
         if submission.cell not in cells:
             raise PointNotFound(f"there can be no plan of point {index}: there is no cell {submission.cell} any more")
         return self._plans.admit(submission)

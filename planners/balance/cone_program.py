@@ -333,10 +333,10 @@ class Template:
             squeezed: (6,), what the fingers exert when all variables are zero; nothing if they are opposite.
             manner: What is sought, and how.
         """
-        self._set_nets(contact_map, squeezed)
         if manner is Manner.CAREFUL:
-            infeasible, x, z = self._by_clarabel(contact_map, load)
+            infeasible, x, z = self._by_clarabel(self.stated(contact_map, load, squeezed))
             return ProgramAnswer(infeasible, x, z, *self.closed(x, contact_map, load, squeezed))
+        self._set_nets(contact_map, squeezed)
         cost = self._free if manner is Manner.CENTRAL else self.cost
         return ProgramAnswer(*_solved(contact_map, load, squeezed, cost, self._program))
 
@@ -346,22 +346,18 @@ class Template:
             self.rows[net, self.columns.grip] = contact_map[:3, self.columns.grip]
             self.offsets[net] = squeezed[:3]
 
-    def _by_clarabel(self, contact_map: Array, load: Array) -> tuple[bool, Array, Array]:
+    def _by_clarabel(self, program: ConeProgram) -> tuple[bool, Array, Array]:
         """Solve farther inside the limits; return whether it is infeasible, x and z."""
         settings = clarabel.DefaultSettings()
         settings.verbose = settings.presolve_enable = settings.chordal_decomposition_enable = False
         settings.max_threads = 1
-        linear, *orders = self._sizes
-        kinds = [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(linear), *map(clarabel.SecondOrderConeT, orders)]
-        size = self.columns.size
-        balance = np.zeros((6, size))
-        balance[:, : self.columns.wrench_size] = contact_map
+        linear, *orders = program.sizes
         solution = clarabel.DefaultSolver(
-            sparse.csc_matrix((size, size)),
+            sparse.csc_matrix((self.columns.size, self.columns.size)),
             self.cost,
-            sparse.csc_matrix(np.vstack([balance, -self.rows])),
-            np.concatenate([load, self.offsets - CAREFUL_TIGHTENING * self._program.heads]),
-            kinds,
+            sparse.csc_matrix(np.vstack([program.balance, -program.rows])),
+            np.concatenate([program.load, program.offsets - CAREFUL_TIGHTENING * self._program.heads]),
+            [clarabel.ZeroConeT(6), clarabel.NonnegativeConeT(linear), *map(clarabel.SecondOrderConeT, orders)],
             settings,
         ).solve()
         infeasible = solution.status == clarabel.SolverStatus.PrimalInfeasible
@@ -394,7 +390,7 @@ class Template:
 def _solved(
     contact_map: Array, load: Array, squeezed: Array, cost: Array, program: _Program
 ) -> tuple[bool, Array, Array, Array, float, Array]:
-    """Solve a program, and close the balance of what comes out; what is returned is an `ProgramAnswer`."""
+    """Solve a program, and close the balance of what comes out; what is returned is a `ProgramAnswer`."""
     balance = np.zeros((6, len(cost)))
     balance[:, : contact_map.shape[1]] = contact_map
     offsets = program.offsets - TIGHTENING * program.heads

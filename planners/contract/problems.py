@@ -73,6 +73,11 @@ class NotValid(LiftwrightError):
         super().__init__("; ".join(f"{each.pointer or '/'}: {each.detail}" for each in problems))
 
 
+def reasons_of(error: ValidationError | SceneError) -> str:
+    """Return all that is wrong with a task in one line, each after where it is."""
+    return "; ".join(f"{each.pointer}: {each.detail}" for each in problems_of(error))
+
+
 def problems_of(error: ValidationError | SceneError, model: type[BaseModel] | None = None) -> list[Problem]:
     """Return everything `error` knows about the body, in the order of the body.
 

@@ -9,7 +9,7 @@ from functools import partial
 from pydantic import ValidationError
 
 from planners.cell.cell import Cell
-from planners.contract.problems import problems_of
+from planners.contract.problems import reasons_of
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask
 from planners.errors import SceneError
 from planners.manipulation.lift_attempts import plan_lift
@@ -52,8 +52,7 @@ class PointExaminer:
         try:
             found = solver.solve(_without_remedies(study.task_at(index)), uploads=uploads)
         except (ValidationError, SceneError) as error:
-            why = "; ".join(f"{each.pointer}: {each.detail}" for each in problems_of(error))
-            return StudyPoint.without_plan(study, index, "refused", why, clock() - begun)
+            return StudyPoint.without_plan(study, index, "refused", reasons_of(error), clock() - begun)
         except CertificateFailed as failure:
             return StudyPoint.without_plan(study, index, "failed", str(failure), clock() - begun)
         examined = "planned" if study.spec.certify else "searched"

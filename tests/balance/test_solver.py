@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from planners.balance.balanced import Balanced, Unbalanced, UnbalanceReason
-from planners.balance.cone_program import Template
+from planners.balance.cone_program import Manner, Template
 from planners.balance.contacts import Cup, Friction, HandLimits
 from planners.balance.solver import Balance
 from planners.contract.task_spec import LifterModel
@@ -172,3 +172,14 @@ def test_a_cable_alone_holds_a_plate_below_its_point_and_no_other(monkeypatch):
         assert isinstance(answer, Balanced if offset == 0.0 else Unbalanced)
         if isinstance(answer, Unbalanced):
             assert answer.reason is UnbalanceReason.PROVEN
+
+
+def test_what_is_asked_of_clarabel_is_answered_alike(solved, monkeypatch):
+    quick = Template.solve
+    monkeypatch.setattr(Template, "solve", lambda self, *given: quick(self, *given[:3], manner=Manner.CAREFUL))
+    for lift, answer in solved:
+        careful = lift.solve()
+        assert isinstance(careful, Balanced) == isinstance(answer, Balanced)
+        if isinstance(careful, Balanced) and isinstance(answer, Balanced):
+            # It keeps farther inside the limits.
+            assert careful.objective == pytest.approx(answer.objective, rel=1e-4, abs=1e-3)
