@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import replace
@@ -82,7 +83,7 @@ def no_number(data: Any, rng: Random) -> bytes:
 
 
 def otherwise_encoded(data: Any, rng: Random) -> bytes:
-    return json.dumps(data).encode(str(rng.choice(["utf-16", "utf-32", "utf-8-sig"])))
+    return json.dumps(data).encode(str(rng.choice(["utf-16", "utf-32"])))
 
 
 def with_more_behind(data: Any, rng: Random) -> bytes:
@@ -229,7 +230,8 @@ def test_the_plan_that_is_changed_below_would_be_exported_and_executed(
     plan = tmp_path / "plan.json"
     plan.write_bytes(small.write())
     for target in ProgramTarget:
-        assert write_program(small.write(), load_cell(small.cell.name), target)
+        for mark in (b"", BOM_UTF8):
+            assert write_program(mark + small.write(), load_cell(small.cell.name), target)
     assert main(["execute", str(plan), "--left", "a", "--right", "b", "--run"]) == 2
     assert no_robot == ["a"]
 

@@ -215,6 +215,31 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene(open_drawn: Callable[
 
 
 @pytest.mark.slow
+def test_what_is_written_is_not_undone_by_a_move_that_was_asked_for_before(open_page: Callable[..., Page]) -> None:
+    page = open_page("")
+    wait_for_verdict(page, accepted=False)
+    # The scene is drawn, but news of moves stay away for a while.
+    page.evaluate(
+        "() => { const { connection } = editor, held = [], receive = connection.receive.bind(connection);"
+        " connection.receive = (message) => "
+        "(message.type === 'moved' || message.request === 'nudge' ? held.push(message) : receive(message));"
+        " connection.deliver = () => { connection.receive = receive; held.splice(0).forEach(receive); }; }"
+    )
+    page.locator("#add-plate").click()
+    page.locator("#add-cup").click()
+    page.wait_for_function("editor.connection.nudges === 2")
+    page.evaluate("editor.draft.set('/cup/position', [0.07, 0.02])")
+    page.evaluate("editor.connection.deliver()")
+    page.wait_for_function("editor.connection.nudged === 2")
+    assert draft(page)["cup"]["position"] == [0.07, 0.02]
+    # What is asked for after it begins where it was written to.
+    page.keyboard.press("ArrowUp")
+    page.wait_for_function("editor.connection.nudged === 3")
+    assert draft(page)["cup"]["position"] == pytest.approx([0.06, 0.02])
+    page.context.close()
+
+
+@pytest.mark.slow
 def test_a_task_is_planned_by_mouse_alone_and_its_path_is_followed_as_the_task_changes(
     open_page: Callable[..., Page],
 ) -> None:

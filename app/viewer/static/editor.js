@@ -21,7 +21,7 @@ class SceneConnection {
   }
 
   connect() {
-    Object.assign(this, { ready: false, drawing: false, waiting: null, later: [] });
+    Object.assign(this, { ready: false, drawing: false, waiting: null, later: [], nudges: 0, nudged: 0 });
     this.socket = new WebSocket(new URL("edit", location.href.replace(/^http/, "ws")));
     this.socket.onmessage = ({ data }) => this.receive(JSON.parse(data));
     this.socket.onclose = (event) => this.lost(event);
@@ -39,17 +39,23 @@ class SceneConnection {
     }
     this.drawing = true;
     this.send({ type: "draw", ...request });
-    for (const each of this.later.splice(0)) this.send(each);
+    for (const each of this.later.splice(0)) this.sendNudge(each);
   }
 
-  /** Ask for something that is done with what is drawn: not before it was sent to be drawn. */
-  sendDrawn(request) {
-    if (this.waiting || !this.ready) this.later.push(request);
-    else this.send(request);
+  /** Ask for a move of something that is drawn: not before it was sent to be drawn. */
+  nudge(what) {
+    if (this.waiting || !this.ready) this.later.push(what);
+    else this.sendNudge(what);
+  }
+
+  sendNudge(what) {
+    this.nudges += 1;
+    this.send({ type: "nudge", ...what });
   }
 
   receive(message) {
     if (message.type === "scene") this.ready = true;
+    if (message.request === "nudge") this.nudged += 1;
     if (message.request === "draw") {
       this.drawing = false;
       const { waiting } = this;
@@ -72,7 +78,7 @@ const STUDIED_PLACES = 8;
 
 class Editor {
   constructor(capabilities) {
-    Object.assign(this, { capabilities, chosen: null, errors: [], warnings: [], accepted: null, moves: 0, checking: false, plan: null, lastPlan: null });
+    Object.assign(this, { capabilities, chosen: null, errors: [], warnings: [], accepted: null, moves: 0, checking: false, plan: null, lastPlan: null, places: new Map(), written: new Map() });
     this.draft = new TaskDraft(() => this.changed());
     this.fields = new Fields(this);
     this.frame = byId("scene-frame");
@@ -107,6 +113,7 @@ class Editor {
   sceneOpened(address) {
     this.say();
     [this.moves, this.judging] = [0, false];
+    this.written.clear();
     this.showFeasibility(null, null);
     this.connection.send({ type: "detail", light: LIGHT });
     this.frame.src = frameAddress(address, LIGHT);
@@ -190,12 +197,22 @@ class Editor {
 
   /** Everything follows the draft: lists, values, the scene, and what the service says. */
   changed() {
+    this.noteWritten();
     if (!this.things.some(({ pointer }) => pointer === this.chosen)) this.chosen = null;
     clearTimeout(this.resting);
     keepDraft({ task: this.draft.task, lastPlan: this.lastPlan });
     this.show();
     this.askSoon();
     this.judge();
+  }
+
+  /** Note which places were written since, and how many moves had been sent until then. */
+  noteWritten() {
+    for (const { pointer } of this.things) {
+      const place = JSON.stringify(this.draft.get(pointer));
+      if (place !== this.places.get(pointer)) this.written.set(pointer, this.connection.nudges);
+      this.places.set(pointer, place);
+    }
   }
 
   /** Ask whether the last path holds for the lift of now, or else another way; of questions that come meanwhile, the last counts. */
@@ -301,12 +318,15 @@ class Editor {
   }
 
   nudge(by, turn) {
-    if (this.chosen) this.connection.sendDrawn({ type: "nudge", pointer: this.chosen, by, turn });
+    if (this.chosen) this.connection.nudge({ pointer: this.chosen, by, turn });
   }
 
   moved({ pointer, value, phase, number }) {
     this.moves = number;
-    this.chosen = pointer;
+    // What was asked for before somebody wrote another place is over.
+    if (this.connection.nudged < this.written.get(pointer)) return this.show();
+    if (phase !== "end") this.chosen = pointer;
+    this.places.set(pointer, JSON.stringify(value));
     this.draft.set(pointer, value);
     if (phase === "end") {
       this.draft.rest();
