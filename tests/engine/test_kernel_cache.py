@@ -90,3 +90,23 @@ def test_of_two_processes_kernels_all_signatures_are_kept_and_nothing_is_compile
     types = ("float64", "float32", "int32")
     assert compiled(package, kept, *types) == ["0 0"] * len(types)
     assert compiled(package, kept, "int64") == ["1 0"]
+
+
+USED = """
+from dataclasses import replace
+from planners.regrasp.grasps.arm_sweeps import first_branches
+from workers.solver.pipeline import Pipeline
+
+Pipeline.solve = lambda *_: None
+pipeline = Pipeline.load()
+kept = Pipeline(replace(pipeline.solver, handovers=lambda *_: None))
+kept.compile("suction_tool")
+print(len(first_branches.signatures))
+"""
+
+
+@pytest.mark.slow
+def test_kernels_that_find_handovers_are_compiled_although_those_of_the_shipped_tools_are_kept() -> None:
+    """They may be kept from before the kernels changed."""
+    told = subprocess.run((sys.executable, "-c", USED), check=True, capture_output=True, text=True)
+    assert int(told.stdout) > 0

@@ -147,7 +147,7 @@ def test_the_load_of_a_node_is_the_torque_of_its_least_loaded_postures(planner):
         ):
             if hold is None:
                 continue
-            origin = T[:3, 3]
+            origin = T[:3, 3].copy()
             wrench = np.zeros(6)
             for contact in (answer.contacts.index(name) for name in names):
                 point = T[:3, :3] @ answer.points[contact] + T[:3, 3]

@@ -259,14 +259,19 @@ def test_of_sets_of_postures_the_first_pair_that_goes_together_is_found(planner)
         assert planner.reach.pair.compatible(where, holds, sets) == first
 
 
+def some_plates(planner) -> np.ndarray:
+    """Return some of the sampled poses (n, 4, 4), one after the other as planners have them."""
+    return planner.sampling.T_world_plates[::9].copy()
+
+
 def some_reached(planner) -> ReachedPostures:
     """Return what is known at some of the poses before anything is asked."""
-    plates = planner.sampling.T_world_plates[::9]
+    plates = some_plates(planner)
     return ReachedPostures(planner.reach.pair, plates, planner.reach.pair.some_postures(plates, int), whole=False)
 
 
 def test_what_is_known_of_a_set_is_part_of_it_and_empty_only_if_it_is(planner):
-    plates, some = planner.sampling.T_world_plates[::9], some_reached(planner).some
+    plates, some = some_plates(planner), some_reached(planner).some
     for reach, known in zip((planner.reach.pair.first, planner.reach.pair.second), some, strict=True):
         every = reach.postures(plates)
         assert not (known & ~every).any()
@@ -274,7 +279,7 @@ def test_what_is_known_of_a_set_is_part_of_it_and_empty_only_if_it_is(planner):
 
 
 def test_a_set_asked_for_by_itself_is_that_of_all_together(planner):
-    plates, reached = planner.sampling.T_world_plates[::9], some_reached(planner)
+    plates, reached = some_plates(planner), some_reached(planner)
     for hand in ("grip", "push"):
         every = reached.hand(hand).postures(plates)
         entries = np.random.default_rng(7).permutation(np.argwhere(every))

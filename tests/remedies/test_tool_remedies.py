@@ -65,7 +65,7 @@ def solver(shelf: PlanShelf) -> TaskSolver:
     return TaskSolver(ShippedCells(), load_tools(), shelf.handovers)
 
 
-@pytest.fixture(scope="module", params=among(UNSOLVED, ["smaller than the pad"]))
+@pytest.fixture(scope="module", params=among(UNSOLVED, ["too heavy for cup and hand"]))
 def unsolved(request: pytest.FixtureRequest, solver: TaskSolver) -> tuple[dict[str, Any], Plan]:
     body = posted(UNSOLVED[request.param])
     return body, solver.solve(read_task(body))
