@@ -76,7 +76,8 @@ class Pipeline:
             for cell, tool, settings in self.shipped_handovers():
                 self.solver.handovers(cell, tool, settings, silent)
             # Those may have been kept since before the kernels changed, and tools of one's own have theirs found.
-            find_handovers(cell, tool, replace(settings, axis_rolls=1, grasps=replace(settings.grasps, most=20)))
+            cell, tool, settings = next(self.shipped_handovers())
+            find_handovers(cell, tool, replace(settings, axis_rolls=1, grasps=replace(settings.grasps, most=100)))
             cell = self.solver.cells[reference_tool_tasks()[0].cell]
             # Asked for where a search for a way with a load finds none, which these tasks need not have.
             for arm in cell.arms.values():
