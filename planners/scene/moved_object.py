@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Literal
 
 import numpy as np
@@ -109,6 +109,7 @@ def side_of(T_world_bodies: Array, point: Array) -> float:
     return next((math.copysign(1.0, y) for y in beside.tolist() if abs(y) > SAME_PLACE), 1.0)
 
 
+@lru_cache(maxsize=64)
 def symmetry_turns(solid: Solid, symmetry: Symmetry) -> Array:
     """Return the turns (k, 4, 4) of a body that its goal does not tell apart, the identity first.
 

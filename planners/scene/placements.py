@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from planners.cell.cell import Cell, StaticBox, known_cells, load_cell
 from planners.cell.needed_hands import NeededHands
@@ -25,7 +24,7 @@ CONTAINMENT_SLACK = 1e-9
 
 def in_hull(solid: Solid, point: Array) -> bool:
     """Tell whether (3,) `point` is inside the convex hull: the centre of mass of an angle is beside it."""
-    planes = ConvexHull(solid.surface()[0]).equations
+    planes = solid.hull_planes
     return float((planes[:, :3] @ point + planes[:, 3]).max()) <= CONTAINMENT_SLACK
 
 

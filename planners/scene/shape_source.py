@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache, lru_cache
 
 from planners.cell.asset_shelf import known_meshes, read_mesh_asset
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism
@@ -48,16 +49,16 @@ class ShapeSource:
         if not isinstance(shape, Mesh):
             return shape, solid_of(shape)
         if shape not in self._found:
-            mesh = self._mesh(shape, pointer).scaled(shape.scale)
-            _check_size(mesh, pointer)
-            self._found[shape] = InlineMesh.of(mesh.vertices, mesh.faces, mesh.parts), mesh_solid(mesh)
+            mesh = self._mesh(shape, pointer)
+            _check_size(mesh, shape.scale, pointer)
+            self._found[shape] = _stated_and_solid(mesh, shape.scale)
         return self._found[shape]
 
     def _mesh(self, shape: Mesh, pointer: str) -> SolidMesh:
         if shape.asset is not None:
             if shape.asset not in known_meshes():
                 raise SceneError(f"{pointer}/asset", f"there is no mesh {shape.asset}", known_meshes())
-            return take_mesh(*read_mesh_asset(shape.asset))
+            return _shipped(shape.asset)
         assert shape.upload is not None
         mesh = self.uploads(shape.upload)
         if mesh is None:
@@ -65,13 +66,25 @@ class ShapeSource:
         return mesh
 
 
+@cache
+def _shipped(asset: str) -> SolidMesh:
+    return take_mesh(*read_mesh_asset(asset))
+
+
+@lru_cache(maxsize=16)
+def _stated_and_solid(mesh: SolidMesh, scale: float) -> tuple[InlineMesh, MeshSolid]:
+    """Return a mesh of a file as a plan document states it, and its solid: its faces are found once for all scenes."""
+    mesh = mesh.scaled(scale)
+    return InlineMesh.of(mesh.vertices, mesh.faces, mesh.parts), mesh_solid(mesh)
+
+
 def mesh_solid(mesh: SolidMesh) -> MeshSolid:
     """Return a mesh in metres as a solid."""
     return MeshSolid(mesh.vertices, mesh.faces, mesh.drawn.parts, mesh.drawn.excess)
 
 
-def _check_size(mesh: SolidMesh, pointer: str) -> None:
-    longest = float(mesh.size.max())
+def _check_size(mesh: SolidMesh, scale: float, pointer: str) -> None:
+    longest = scale * float(mesh.size.max())
     if longest > LONGEST_MESH:
         detail = f"the mesh is {longest:.4g} m long, more than {LONGEST_MESH:g} m"
         hint = f"; if the unit of its file is the millimetre, scale is {MILLIMETRE:g}"

@@ -6,10 +6,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.geometry import polygon, surface
@@ -74,6 +75,11 @@ class Solid(ABC):
     def _hull_faces(self) -> list[FlatFace]:
         return [FlatFace(normal, corners) for normal, corners in surface.hull_faces(self.surface()[0])]
 
+    @cached_property
+    def hull_planes(self) -> Array:
+        """(m, 4) outward normal n and offset d [m] of each face of its convex hull: inside, n · x + d <= 0."""
+        return ConvexHull(self.surface()[0]).equations
+
     @abstractmethod
     def flat_pieces(self) -> list[FlatFace]:
         """Return convex pieces of all flat places of its surface: what may lie on it, lies on these."""
@@ -106,6 +112,10 @@ class ExtrudedSolid(Solid):
 
     def surface(self) -> Surface:
         """Return the solid's surface, outward; a round one has `RIM_POINTS` chords."""
+        return self._surface
+
+    @cached_property
+    def _surface(self) -> Surface:
         n = len(self.outline)
         low, high = self._rings()
         k = np.arange(n)
@@ -235,8 +245,9 @@ class CompoundSolid(Solid):
         return np.vstack(vertices), np.vstack(faces)
 
 
+@lru_cache(maxsize=256)
 def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
-    """Build the solid of a shape of the contract; both have the same frame."""
+    """Return the solid of a shape of the contract; both have the same frame. Equal shapes share one, and its faces."""
     match shape:
         case Box():
             x, y, z = shape.size

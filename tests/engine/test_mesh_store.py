@@ -28,6 +28,7 @@ def test_a_mesh_comes_back_as_it_was_stored(store: MeshStore, mesh: SolidMesh) -
     again = store.get("a")
     assert again is not None
     assert again.document() == mesh.document()
+    assert store.get("a") is again, "its parts are found once for all tasks that name it"
 
 
 def test_one_mesh_is_stored_once_however_many_bring_it_at_once(store: MeshStore, mesh: SolidMesh) -> None:

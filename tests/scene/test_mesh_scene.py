@@ -123,6 +123,14 @@ def test_a_tool_may_have_a_mesh_as_a_part(build):
     )
 
 
+def test_a_mesh_in_two_scenes_is_one_solid_unless_its_size_is_another(build):
+    flat = [0.45, 0.1, TOP, 1, 0, 0, 0]
+    shapes = (ANGLE, ANGLE, ANGLE | {"scale": 0.9})
+    one, again, smaller = (build(task([lying(shape, flat, flat)])).objects[0].body.solid for shape in shapes)
+    assert one is again
+    assert np.ptp(smaller.surface()[0], axis=0) == pytest.approx(0.9 * np.ptp(one.surface()[0], axis=0))
+
+
 def test_a_solid_made_larger_by_its_drawing_says_by_how_much():
     _, solid = ShapeSource().find(Mesh(type="mesh", asset="can"), "")
     vertices, faces = solid.surface()

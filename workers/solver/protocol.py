@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 from planners.progress import Report
@@ -100,7 +101,13 @@ def uploads_of(request: AnyRequest) -> Uploads:
     from planners.geometry.solid_mesh import SolidMesh
 
     documents = request.meshes or {}
-    return lambda upload: SolidMesh.from_document(documents[upload]) if upload in documents else None
+
+    @cache
+    def mesh_of(upload: str) -> SolidMesh | None:
+        """Return one and the same for all changed tasks too, which find its parts once."""
+        return SolidMesh.from_document(documents[upload]) if upload in documents else None
+
+    return mesh_of
 
 
 _Outcome = Literal["solved", "infeasible", "not_found"]

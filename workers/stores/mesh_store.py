@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import json
 from collections.abc import Iterable
+from functools import lru_cache
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
@@ -34,10 +35,16 @@ class MeshStore:
 
     def get(self, mesh_id: str) -> SolidMesh | None:
         """Return a mesh."""
-        document = self.documents([mesh_id]).get(mesh_id)
-        return None if document is None else SolidMesh.from_document(document)
+        query = sa.select(MESHES.c.gzip).where(MESHES.c.id == mesh_id)
+        return next((_mesh_of(row.gzip) for row in self._database.rows(query)), None)
 
     def documents(self, mesh_ids: Iterable[str]) -> dict[str, MeshDocument]:
         """Return those meshes of some ids that there are, as JSON data, by id."""
         query = sa.select(MESHES.c.id, MESHES.c.gzip).where(MESHES.c.id.in_(sorted(mesh_ids)))
         return {row.id: json.loads(gzip.decompress(row.gzip)) for row in self._database.rows(query)}
+
+
+@lru_cache(maxsize=16)
+def _mesh_of(content: bytes) -> SolidMesh:
+    """Return a stored mesh: one and the same for tasks that name it one after the other, which find its parts once."""
+    return SolidMesh.from_document(json.loads(gzip.decompress(content)))
