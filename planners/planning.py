@@ -72,6 +72,8 @@ from planners.scene.shape_source import Uploads, no_uploads
 from planners.scene.suction_tool import SuctionTool, load_tools, tool_descriptions
 from planners.scene.tool_scene import SuctionToolScene
 
+MOST_HANDOVERS = 8
+"""Databases that are remembered, of some megabytes each: more are of tools that one tries once."""
 THIS_SOFTWARE = Software(name="liftwright", version=version("liftwright"), commit=None)
 
 
@@ -83,6 +85,27 @@ class HandoverSource(Protocol):
     ) -> HandoverDatabase:
         """Return what `find_handovers` returns for the same arguments."""
         ...
+
+
+class HandoverMemory:
+    """Handovers that were asked for last, so that tasks that have them in common find them once."""
+
+    def __init__(self, source: HandoverSource) -> None:
+        """Keep what `source` returns."""
+        self._source = source
+        self._kept: dict[str, HandoverDatabase] = {}
+        """By key, the last one asked for at the end."""
+
+    def __call__(
+        self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
+    ) -> HandoverDatabase:
+        """Return what the source returns."""
+        key = handover_key(cell, tool, settings)
+        database = self._kept.get(key) or self._source(cell, tool, settings, progress)
+        # Put in place of the last one, which is never changed: several threads may plan.
+        others = [(each, kept) for each, kept in self._kept.items() if each != key]
+        self._kept = dict([*others, (key, database)][-MOST_HANDOVERS:])
+        return database
 
 
 class LiftPlanner(Protocol):
@@ -138,9 +161,8 @@ def solve(
         CertificateFailed: the plan must not be used.
         PlanningCancelled: `on_progress` asked for it.
     """
-    return TaskSolver(ShippedCells() if cells is None else cells, _shipped_tools()).solve(
-        task, uploads=uploads, on_progress=on_progress
-    )
+    solver = TaskSolver(ShippedCells() if cells is None else cells, _shipped_tools(), _handovers)
+    return solver.solve(task, uploads=uploads, on_progress=on_progress)
 
 
 def plan(
@@ -374,7 +396,7 @@ class _RemedySearch:
         # nobody asks why.
         self._memory = ReachMemory()
         self._plan_lift = partial(plan_lift, memory=self._memory, explained=False)
-        self._handovers: dict[str, HandoverDatabase] = {}
+        self._handovers_of = HandoverMemory(solver.handovers)
 
     def found(self) -> tuple[list[Remedy], set[str]]:
         """Return what helps, and the kinds of changes that were tried."""
@@ -476,15 +498,6 @@ class _RemedySearch:
     def _without_counting(self, _: Report, /) -> None:
         self._on_progress(self._effort.report())
 
-    def _handovers_of(
-        self, cell: Cell, tool: SuctionTool, settings: HandoverSettings, progress: Progress
-    ) -> HandoverDatabase:
-        """Find handovers once for all changed tasks that have them in common."""
-        key = handover_key(cell, tool, settings)
-        if key not in self._handovers:
-            self._handovers[key] = self._solver.handovers(cell, tool, settings, progress)
-        return self._handovers[key]
-
 
 def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | None, tried: int) -> ChosenCupPlace:
     """Say where the cup was put, and why."""
@@ -511,6 +524,8 @@ def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | Non
 MOST_CELLS = 16
 """Whose shapes are kept for the certificate: people may add any number of cells."""
 _shipped_tools = cache(load_tools)
+_handovers = HandoverMemory(find_handovers)
+"""Of tasks that are planned without a service, one after the other."""
 _tool_descriptions = cache(tool_descriptions)
 _meshes = cache(load_meshes)
 

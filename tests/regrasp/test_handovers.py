@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.cell.cell import load_cell
+from planners.cell.cell import Cell, load_cell
 from planners.errors import LiftwrightError, PlanningCancelled
 from planners.geometry.pose import inverse, transform
 from planners.kinematics.inverse import follow_branch
-from planners.progress import Report
+from planners.planning import MOST_HANDOVERS, HandoverMemory
+from planners.progress import Progress, Report, silent
 from planners.regrasp.grasps.handover_place import HandoverPlaceSettings, handover_place, tool_poses_at
 from planners.regrasp.grasps.handovers import (
     HandoverDatabase,
@@ -23,7 +24,7 @@ from planners.regrasp.grasps.handovers import (
 )
 from planners.regrasp.grasps.tool_grasps import ToolGraspSettings
 from planners.regrasp.tool_workcell import ToolWorkcell
-from planners.scene.suction_tool import load_tool
+from planners.scene.suction_tool import SuctionTool, load_tool
 from tests.kinematics.arm_oracle import PinocchioArm
 from tests.regrasp.hand_oracle import NEAR, ToolCell
 
@@ -266,3 +267,22 @@ def test_the_long_tool_offers_more_pairs_than_the_short_one(long_handovers, shor
     assert 0.5 * 101_380 < long_handovers.compatible.sum() < 1.5 * 101_380
     assert 0.5 * 42_404 < long_handovers.partners.sum() < 1.5 * 42_404
     assert long_handovers.partners.sum() > 3 * short_handovers.partners.sum()
+
+
+def test_the_last_handovers_are_remembered_and_those_before_are_found_again(cell, short_tool, small) -> None:
+    asked: list[HandoverSettings] = []
+
+    def source(_: Cell, __: SuctionTool, settings: HandoverSettings, ___: Progress) -> HandoverDatabase:
+        asked.append(settings)
+        return replace(small, key=f"{len(asked)}")
+
+    settings = [replace(SMALL, axis_rolls=rolls) for rolls in range(1, MOST_HANDOVERS + 2)]
+    memory = HandoverMemory(source)
+    for each in (*settings[:-1], settings[0], settings[-1]):
+        found = memory(cell, short_tool, each, silent)
+        assert memory(cell, short_tool, each, silent) is found
+    assert asked == settings
+    # The first was asked for once more, so that it is the second that has left.
+    memory(cell, short_tool, settings[0], silent)
+    memory(cell, short_tool, settings[1], silent)
+    assert asked == [*settings, settings[1]]
