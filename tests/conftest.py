@@ -43,7 +43,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Test no kernel that was compiled before the last change of any source; tests keep none of their own."""
     samples.take(whole=config.option.whole)
-    forget_stale_kernels()
+    # A process that tests beside others was started by one that has done so.
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        forget_stale_kernels()
 
 
 @pytest.hookimpl(wrapper=True)
