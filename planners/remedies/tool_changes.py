@@ -10,8 +10,10 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
+from pydantic import JsonValue
 
 from planners.contract.problems import pad_beyond
 from planners.contract.shapes import Cylinder
@@ -153,9 +155,34 @@ class ToolChanges:
         kinds = self._kinds(self._named_obstacles(), self._limits(alone=False))
         firsts = [list(itertools.islice((each for each in kind if each is not None), _FIRST)) for kind in kinds]
         return [
-            self._of(one.then(other) for one, other in itertools.product(some, others))
+            self._of(both for pair in itertools.product(some, others) if (both := self._together(*pair)) is not None)
             for some, others in itertools.combinations(firsts, 2)
         ]
+
+    def _together(self, one: TaskChange, other: TaskChange) -> TaskChange | None:
+        """Return two changes of the task as one; None where one of them is lost beside the other."""
+        values = {step.path: step.value for step in one.patch if step.op == "add"}
+        merged = {
+            step.path: put(step.path, _merged(self._stated(step.path), values[step.path], step.value))
+            for step in other.patch
+            if step.op == "add" and step.path in values
+        }
+        first = [step for step in one.patch if step.path not in merged]
+        both = replace(one.then(other), patch=(*first, *(merged.get(step.path, step) for step in other.patch)))
+        alone = [each.applied(self.task) for each in (one, other)]
+        return None if both.applied(self.task) in alone else both
+
+    def _stated(self, path: str) -> JsonValue:
+        """Return a member that several kinds of changes write, as one would that changes nothing of it."""
+        if path == "/tool":
+            tool = self._description()
+            return None if tool is None else tool.model_dump(mode="json")
+        poses = {
+            f"/objects/{index}/{member}": getattr(each, member)
+            for index, each in self._objects
+            for member in ("pose", "goal_pose")
+        }
+        return moved_pose(poses[path], np.zeros(2)) if path in poses else None
 
     def _names(self, name: str) -> bool:
         """Whether what is told names a thing, and not only another one whose name begins or ends alike."""
@@ -431,6 +458,23 @@ class ToolChanges:
 
 def _is_short_of_squeeze(cause: Cause) -> bool:
     return any(words in cause.reason for words in _SQUEEZE_REASONS) and cause.unit == "N"
+
+
+def _merged(stated: JsonValue, one: JsonValue, other: JsonValue) -> JsonValue:
+    """Return a member that two changes write as both together have it; where both write one part, as the second does.
+
+    Args:
+        stated: the member before.
+        one: after the first change alone.
+        other: after the second change alone.
+    """
+    if isinstance(one, dict) and isinstance(other, dict) and isinstance(stated, dict):
+        names = [*one, *(name for name in other if name not in one)]
+        return {name: _merged(stated.get(name), one.get(name), other.get(name)) for name in names}
+    if isinstance(one, list) and isinstance(other, list) and isinstance(stated, list):
+        if len(stated) == len(one) == len(other):
+            return [_merged(*each) for each in zip(stated, one, other, strict=True)]
+    return one if other == stated else other
 
 
 def _other_cup(

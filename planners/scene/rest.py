@@ -187,16 +187,32 @@ def find_footing(
         nearest = _nearest(face, T_world_body, below)
         why = why_apart(face, T_world_body, nearest.height, nearest.name)
         return Unsupported(why + _advice(solid, T_world_body, com, below))
-    height = max(place.height for place in fitting)
-    T_settled = settled(face, T_world_body, height)
-    touching = [place for place in fitting if height - place.height <= SAME_HEIGHT]
-    points = {place: _touching_points(solid, face, T_settled, place) for place in touching}
-    by = tuple(place.name for place, corners in points.items() for _ in corners)
-    footing = Footing(T_settled, tuple(sorted(set(by))), np.vstack(list(points.values())), by)
+    footing = _highest_footing(solid, face, T_world_body, fitting)
+    if footing is None:
+        return Unsupported("rests on nothing: what is level below it is beside its feet")
     outside = -footing.inside(com)
+    if math.isinf(outside):
+        return Unsupported("would tip over: it touches what carries it along a line only")
     if outside > TIP_SLACK:
         return Unsupported(f"would tip over: its centre of mass is {1e3 * outside:.4g} mm beyond what carries it")
     return footing
+
+
+def _highest_footing(
+    solid: Solid, face: FlatFace, T_world_body: Transform, fitting: Sequence[LevelFace]
+) -> Footing | None:
+    """Return the footing on the highest places that touch a body; None where none of them does.
+
+    Places below the hull of a body that has feet may be between these.
+    """
+    for height in sorted({place.height for place in fitting}, reverse=True):
+        T_settled = settled(face, T_world_body, height)
+        level = [place for place in fitting if 0.0 <= height - place.height <= SAME_HEIGHT]
+        points = {place: _touching_points(solid, face, T_settled, place) for place in level}
+        by = tuple(place.name for place, corners in points.items() for _ in corners)
+        if by:
+            return Footing(T_settled, tuple(sorted(set(by))), np.vstack(list(points.values())), by)
+    return None
 
 
 def _table_told(places: Iterable[LevelFace]) -> str:

@@ -68,9 +68,8 @@ class Standing:
 
     def __init__(self, still: Sequence[LevelFace]) -> None:
         """Take the level places of what never moves."""
-        self._still = _Ground(np.array([place.height for place in still]), tuple(still), b"")
+        self._still = _Ground(np.array([place.height for place in still]), tuple(still), b"", -np.inf)
         self._grounds: dict[tuple[str, bytes], _Ground] = {}
-        self._lowest: dict[tuple[str, bytes], float] = {}
         self._footings: dict[tuple[object, ...], Footing | Unsupported] = {}
 
     def fall(self, arrangement: Mapping[str, tuple[Body, Transform]]) -> Fall | None:
@@ -90,13 +89,15 @@ class Standing:
         key = body.name, T_world_body.tobytes()
         if key not in self._grounds:
             places = level_places(body.name, body.solid, T_world_body)
-            self._grounds[key] = _Ground(np.array([place.height for place in places]), tuple(places), key[1])
-            self._lowest[key] = lowest_point(body.solid, T_world_body)
+            lowest = lowest_point(body.solid, T_world_body)
+            self._grounds[key] = _Ground(np.array([place.height for place in places]), tuple(places), key[1], lowest)
         return self._grounds[key]
 
     def _footing(self, body: Body, T_world_body: Transform, others: Sequence[_Ground]) -> Footing | Unsupported:
         own = body.name, T_world_body.tobytes()
-        under = [ground for ground in others if ground.has(self._lowest[own])]
+        # A thin body's top may be as near to this one's bottom although it lies on it.
+        lowest = self._grounds[own].lowest
+        under = [ground for ground in others if ground.lowest < lowest and ground.has(lowest)]
         key = (*own, *((ground.places[0].name, ground.pose) for ground in under))
         if key not in self._footings:
             places = [place for ground in under for place in ground.places]
@@ -111,6 +112,8 @@ class _Ground:
     heights: Array
     places: tuple[LevelFace, ...]
     pose: bytes
+    lowest: float
+    """How far down it reaches in the world [m]."""
 
     def has(self, height: float) -> bool:
         """Tell whether one of the places may be touched by what is lowest at a height [m]."""

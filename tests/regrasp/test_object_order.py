@@ -19,7 +19,9 @@ LOW, HIGH = 1.094 + 0.02, 1.094 + 0.06
 MIDDLE = np.array([0.4, 0.0, 0.0])
 
 
-def order_of(turned: float = 0.0, /, **places: tuple[list[float], list[float]]) -> ObjectOrder:
+def order_of(
+    turned: float = 0.0, size: list[float] = SIZE, /, **places: tuple[list[float], list[float]]
+) -> ObjectOrder:
     """Return the order of boxes that go from place to place, all of it turned by an angle about `MIDDLE` [rad]."""
     R = rotation_z(turned)
 
@@ -30,7 +32,7 @@ def order_of(turned: float = 0.0, /, **places: tuple[list[float], list[float]]) 
     objects = [
         {
             "name": name,
-            "shape": {"type": "box", "size": SIZE},
+            "shape": {"type": "box", "size": size},
             "mass": 0.1,
             "pose": pose(start),
             "goal_pose": pose(goal),
@@ -57,6 +59,20 @@ def test_a_support_comes_before_what_lies_on_it_however_far_it_is() -> None:
     )
     assert order.next(frozenset()) == ("base",)
     assert order.next(frozenset({"base"})) == ("top",)
+
+
+@pytest.mark.parametrize("thickness", [2e-4, 5e-4, 7e-4, 2e-3])
+def test_of_two_thin_sheets_the_lower_one_carries_the_upper_one_and_not_both_each_other(thickness: float) -> None:
+    """Although the upper one's top is not a millimetre above the lower one's bottom."""
+    low, high = 1.094 + 0.5 * thickness, 1.094 + 1.5 * thickness
+    order = order_of(
+        0.0,
+        [0.1, 0.06, thickness],
+        lower=([0.4, 0.2, low], [0.4, 0.0, low]),
+        upper=([0.4, 0.2, high], [0.4, 0.0, high]),
+    )
+    assert order.carried == {"lower": frozenset(), "upper": {"lower"}}
+    assert order.lying_on_it == {"lower": {"upper"}, "upper": frozenset()}
 
 
 def test_what_stands_in_the_way_of_a_goal_comes_first() -> None:
@@ -113,5 +129,5 @@ def test_what_is_far_off_is_left_out_and_nothing_that_rests_on_another(
     starts, goals = towers(1.0), towers(-1.0)
     places = {f"box_{i}": pair for i, pair in enumerate(zip(starts, goals, strict=False))}
     found = order_of(**places)
-    monkeypatch.setattr(object_order, "_may_touch", lambda *_: True)
+    monkeypatch.setattr(object_order, "_may_rest_on", lambda *_: True)
     assert found == order_of(**places)

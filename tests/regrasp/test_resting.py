@@ -57,6 +57,15 @@ def test_a_body_between_two_others_stands_on_both() -> None:
     }
 
 
+def test_what_is_lower_than_what_a_body_stands_on_bears_nothing() -> None:
+    """A box that sticks out over the edge of a sheet does not touch the table there."""
+    sheet = faces((0.1, 0.1, 0.0008)), transform(None, [-0.02, 0.0, 0.0004])
+    pose = transform(None, [0.0, 0.0, 0.0208])
+    found = resting_points(faces((0.2, 0.1, 0.04)), pose, {"table": TABLE, "sheet": sheet})
+    assert set(found.by) == {"sheet"}
+    assert found.points[:, 0].max() == pytest.approx(0.03)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_forces_carry_the_weight_without_a_moment_and_never_pull(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -179,6 +179,24 @@ def test_a_motion_is_stretched_until_its_joints_bear_it_and_no_further(arm, load
     assert peak(oracle, timed, stretch, arm) == pytest.approx(between)
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_however_a_motion_is_stretched_no_joint_gives_more_than_it_may_and_what_is_refused_is_borne_by_none(
+    arm, load, laden, seed: int
+) -> None:
+    """Motions at random, also those in which what moves a load takes some of it off joints that do not bear it."""
+    rng, oracle = np.random.default_rng(seed), Oracle(arm, load, T_FLANGE_TOOL)
+    for _ in range(20):
+        scales = np.array([1.5, rng.uniform(0.0, 3.0), rng.uniform(0.0, 15.0)])
+        rows = scales[:, None, None] * rng.normal(size=(3, 4, 12))
+        timed = Trajectory(np.arange(4.0), *rows, np.arange(4.0))
+        most = float(rng.uniform(0.1, 1.0)) * peak(oracle, timed, 1.0, arm)
+        stretch = laden.stretch(timed, slice(0, 6), 1.0 - most, "transfer")
+        if isinstance(stretch, float):
+            assert peak(oracle, timed, stretch, arm) <= most * (1.0 + 1e-9)
+        else:
+            assert max(peak(oracle, timed, slowness, arm) for slowness in (32.0, 1e6)) >= most * (1.0 - 1e-9)
+
+
 def test_a_motion_that_joints_do_not_bear_however_slow_is_refused_with_the_joint_and_its_torque(arm, load, laden):
     oracle, timed = Oracle(arm, load, T_FLANGE_TOOL), swing(1.0)
     shares = np.abs([oracle.torques(q) for q in timed.positions[:, :6]]) / arm.torque_max

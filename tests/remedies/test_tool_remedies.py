@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from planners.cell.cell import ShippedCells
 from planners.contract.problems import pad_beyond
 from planners.contract.task_change import changed
 from planners.contract.task_spec import CustomTool, SuctionToolTask, ToolCup, write_task
-from planners.geometry.pose import from_pose7
+from planners.geometry.pose import from_pose7, to_pose7
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Cause, Certificate
 from planners.planning import TaskSolver
@@ -308,6 +309,39 @@ def test_fingers_press_no_harder_than_helps(enough: float, offered: int, too_hea
     # It may help beside another change.
     pairs = itertools.chain(*ToolChanges(task, build_scene, failed, helps).in_pairs())
     assert any(step.value == most for pair in pairs for step in pair.patch if step.path == "/grip_force_limit")
+
+
+def test_of_two_changes_at_once_both_are_made(too_heavy: Plan) -> None:
+    """Although several kinds of changes write the whole tool, or the whole pose of an object."""
+    turned = from_pose7((0.35, 0.28, 1.109, 3.0, 0.0, 0.0, 1.0))
+    task = read_task({"kind": "suction_tool", "objects": [DIE, {**DIE, "name": "other", "pose": to_pose7(turned)}]})
+    assert isinstance(task, SuctionToolTask)
+    task = task.model_copy(update={"objects": task.objects[1:]})
+    explanation = too_heavy.explanation.model_copy(
+        update={"summary": "other is heavier than the cup bears.", "causes": []}
+    )
+    failed = too_heavy.model_copy(update={"explanation": explanation, "task": task, "outcome": "not_found"})
+    pairs = [*itertools.chain(*ToolChanges(task, build_scene, failed, never).in_pairs())]
+    told = Counter[tuple[str, ...]]()
+    for pair in pairs:
+        made = pair.applied(task)
+        assert isinstance(made, SuctionToolTask)
+        object_, tool = made.objects[0], made.tool
+        T_start, T_goal = (from_pose7(pose) for pose in (object_.pose, object_.goal_pose))
+        before, goal_before = (from_pose7(pose) for pose in (task.objects[0].pose, task.objects[0].goal_pose))
+        done = {
+            "pulls with": isinstance(tool, CustomTool) and tool.cup.max_force > 20.0,
+            "mm radius": isinstance(tool, CustomTool) and tool.cup.radius != 0.0175,
+            "Move other": not np.allclose(T_start[:2, 3], before[:2, 3], atol=1e-5),
+            "Turn other": not np.allclose(T_start[:3, :3], before[:3, :3], atol=1e-5),
+            "Move the goal": not np.allclose(T_goal[:2, 3], goal_before[:2, 3], atol=1e-5),
+            "Turn the goal": not np.allclose(T_goal[:3, :3], goal_before[:3, :3], atol=1e-5),
+        }
+        said = tuple(words for words in done if words in pair.sentence)
+        assert [words for words in done if done[words]] == [*said], pair.sentence
+        told[said] += 1
+    for kinds in (("pulls with", "mm radius"), ("Move other", "Turn other"), ("Move the goal", "Turn the goal")):
+        assert told[kinds] > 1
 
 
 @pytest.mark.parametrize("short", [True, False])

@@ -13,15 +13,18 @@ from planners.scene.rest import (
     REST_GAP,
     REST_TILT,
     LevelFace,
+    Unsupported,
+    find_footing,
     footprint,
     gaps,
+    level_places,
     lowest_face,
     overhang,
     rests_level,
     settled,
     upper_surface,
 )
-from planners.scene.solid import solid_of
+from planners.scene.solid import CompoundSolid, solid_of
 
 BOX = solid_of(Box(type="box", size=(0.2, 0.1, 0.06)))
 SQUARE = LevelFace("square", 1.0, np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]))
@@ -85,3 +88,23 @@ def test_the_top_of_a_leaning_body_is_no_surface():
 def test_overhang_is_the_distance_over_the_edge_and_none_inside():
     assert overhang(np.array([[0.5, 0.2], [-0.5, -0.5]]), SQUARE) == 0.0
     assert overhang(np.array([[0.52, 0.2], [0.0, 0.0]]), SQUARE) == pytest.approx(0.02)
+
+
+def stool(*feet: tuple[float, float]) -> CompoundSolid:
+    """A board 0.1 m above the ground on thin legs."""
+    leg, board = (solid_of(Box(type="box", size=size)) for size in ((0.02, 0.02, 0.1), (0.2, 0.2, 0.02)))
+    legs = [(leg, transform(None, [x, y, 0.05])) for x, y in feet]
+    return CompoundSolid((*legs, (board, transform(None, [0.0, 0.0, 0.11]))))
+
+
+def test_a_body_with_feet_rests_on_what_these_stand_on_and_not_on_what_is_between_them():
+    corners = [(x, y) for x in (-0.09, 0.09) for y in (-0.09, 0.09)]
+    mat = solid_of(Box(type="box", size=(0.1, 0.1, 0.0008)))
+    between = level_places("mat", mat, transform(None, [0.0, 0.0, 1.0004]))
+    found = find_footing(
+        stool(*corners), transform(None, [0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.1]), [SQUARE, *between]
+    )
+    assert not isinstance(found, Unsupported)
+    assert found.supports == ("square",)
+    alone = find_footing(stool(*corners), transform(None, [0.0, 0.0, 1.0]), np.array([0.0, 0.0, 0.1]), between)
+    assert alone == Unsupported("rests on nothing: what is level below it is beside its feet")

@@ -220,6 +220,9 @@ def start_supports(evidence: Evidence) -> dict[str, frozenset[str]]:
     levels = {name: LevelFaces(bodies[name].shape, bodies[name].T_world_start) for name in parts}
 
     def carries(other: str, name: str) -> bool:
+        if bodies[other].lowest >= bodies[name].lowest:
+            # A thin body that lies on this one has its top as near.
+            return False
         if top[other] <= bodies[name].lowest + touch:
             return True
         upper, lower = levels[name], levels[other]

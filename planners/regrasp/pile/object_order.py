@@ -45,11 +45,11 @@ class ObjectOrder:
         goals = {each.name: _placed(each, each.T_world_goal) for each in objects}
         carried, lying, standing = ({name: set[str]() for name in distances} for _ in range(3))
         for one, other in permutations(objects, 2):
-            if _may_touch(goals[other.name], goals[one.name]) and _rests_on(
+            if _may_rest_on(goals[other.name], goals[one.name]) and _rests_on(
                 other, other.T_world_goal, one, one.T_world_goal
             ):
                 carried[other.name].add(one.name)
-            if _may_touch(starts[one.name], starts[other.name]) and _rests_on(
+            if _may_rest_on(starts[one.name], starts[other.name]) and _rests_on(
                 one, one.body.T_world_body, other, other.body.T_world_body
             ):
                 lying[other.name].add(one.name)
@@ -110,11 +110,14 @@ def _placed(each: MovedObject, T_world_object: Transform) -> PlacedBody:
     return placed_body(each.body.collision_body(), T_world_object, None)
 
 
-def _may_touch(one: PlacedBody, other: PlacedBody) -> bool:
-    """Tell whether boxes around two bodies come near one another: where not, none rests on the other."""
-    low = np.maximum(one.lowest, other.lowest)
-    high = np.minimum(one.highest, other.highest)
-    return bool(np.all(low - high <= _NEAR))
+def _may_rest_on(upper: PlacedBody, lower: PlacedBody) -> bool:
+    """Tell whether boxes around two bodies come near one another, and the lower one's reaches farther down.
+
+    Where it does not, it may be a thin body whose top is as near to the other's bottom because it lies on that.
+    """
+    low = np.maximum(upper.lowest, lower.lowest)
+    high = np.minimum(upper.highest, lower.highest)
+    return bool(np.all(low - high <= _NEAR)) and bool(lower.lowest[2] < upper.lowest[2])
 
 
 def _overlap(one: PlacedBody, other: PlacedBody) -> bool:

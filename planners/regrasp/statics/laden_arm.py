@@ -98,13 +98,14 @@ class LadenArm:
         inertial = joint_torques(self.weighed, Q, V, A, still, middle) - at_rest
         room = np.where(inertial < 0.0, limits + at_rest, limits - at_rest)
         share = float(np.min(room / np.maximum(np.abs(inertial), _ROUNDING), initial=1.0))
-        if share >= _SLOWEST**-2:
+        # Where the joints do not bear the load at rest, what moves it may take load off them for a moment.
+        if np.all(np.abs(at_rest) <= limits) and share >= _SLOWEST**-2:
             return 1.0 / math.sqrt(share)
         sample, joint = np.unravel_index(int(np.argmax(np.abs(at_rest) / limits)), at_rest.shape)
         name, needed = self.arm.joint_names[joint], abs(float(at_rest[sample, joint]))
         where = f"{name}, {timed.time[sample]:.3f} s into a {kind}"
         reason = f"{name} would need more torque than it may give."
-        return Rejection("torque", reason, where, needed, float(limits[joint]), "Nm")
+        return Rejection.measured("torque", reason, where, needed, float(limits[joint]), "Nm")
 
 
 def bearing_branches(

@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform
-from planners.scene.rest import REST_GAP, REST_TILT
+from planners.scene.rest import REST_GAP, REST_TILT, SAME_HEIGHT
 from planners.scene.solid import FlatFace
 
 _LEVEL = math.cos(REST_TILT) - 1e-9
@@ -46,7 +46,9 @@ class RestingPoints:
 def resting_points(
     faces: Sequence[FlatFace], T_world_body: Transform, below: Mapping[str, tuple[Sequence[FlatFace], Transform]]
 ) -> RestingPoints:
-    """Return where level faces of a body that look down meet level faces of others that look up, `REST_GAP` apart.
+    """Return where level faces of a body that look down meet level faces of others that look up.
+
+    They are at most `REST_GAP` apart, and no farther than the nearest: a place that is lower is not touched.
 
     Args:
         faces: of the body, in its frame.
@@ -54,8 +56,7 @@ def resting_points(
         below: faces of other bodies in their frames, and where these are.
     """
     lower = _level_faces(faces, T_world_body, -1.0)
-    points: list[Array] = []
-    by: list[str] = []
+    met: list[tuple[float, str, Array]] = []
     for name, (others, T_world_other) in below.items():
         for upper in _level_faces(others, T_world_other, 1.0):
             for face in lower:
@@ -66,9 +67,12 @@ def resting_points(
                 if len(corners) < 3:
                     continue
                 height = float(upper[:, 2].mean()) + 0.5 * gap
-                points.append(np.column_stack([corners, np.full(len(corners), height)]))
-                by += [name] * len(corners)
-    return RestingPoints(np.concatenate(points) if points else np.empty((0, 3)), tuple(by))
+                met.append((gap, name, np.column_stack([corners, np.full(len(corners), height)])))
+    least = min((gap for gap, _, _ in met), default=0.0)
+    touching = [(name, corners) for gap, name, corners in met if gap <= least + SAME_HEIGHT]
+    points = [corners for _, corners in touching]
+    by = tuple(name for name, corners in touching for _ in corners)
+    return RestingPoints(np.concatenate(points) if points else np.empty((0, 3)), by)
 
 
 def _level_faces(faces: Sequence[FlatFace], T: Transform, up: float) -> list[Array]:
