@@ -80,7 +80,10 @@ def outcome_line(plan: Plan) -> str:
     force, arm = largest_load(plan)
     bears = f", at most {force:.1f} N on the {arm} hand" if arm else ""
     certified = "certified" if is_certified(plan) else "not certified"
-    return f"solved: {len(plan.segments)} segments, {plan.duration:.1f} s of motion{bears}, {certified}"
+    failure, remedies = failure_of(plan.simulation), plan.explanation.remedies
+    physics = "" if failure is None else f"; in physics it FAILED: {failure.words()}"
+    helps = f". What helps: {remedies[0].sentence}" if failure is not None and remedies else ""
+    return f"solved: {len(plan.segments)} segments, {plan.duration:.1f} s of motion{bears}, {certified}{physics}{helps}"
 
 
 def is_certified(plan: Plan) -> bool:

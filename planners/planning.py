@@ -289,9 +289,12 @@ class TaskSolver:
             return self._with_remedies(certified, uploads, on_progress).sealed()
         scene = scene or build_scene(certified.task, self.cells, uploads=uploads, tools=self.tools)
         plan = self.simulated(certified, scene, certified.task.seed, on_progress)
-        if failure_of(plan.simulation) is None or not plan.task.options.remedies:
+        if failure_of(plan.simulation) is None:
             return plan
-        return self._with_remedies(plan, uploads, on_progress).sealed()
+        if plan.task.options.remedies:
+            return self._with_remedies(plan, uploads, on_progress).sealed()
+        told = plan.explanation.model_copy(update={"summary": plan.explanation.summary + _failure_told(plan)})
+        return plan.model_copy(update={"explanation": told}).sealed()
 
     def simulated(
         self, certified: Plan, scene: PlateLiftScene | SuctionToolScene, seed: int, on_progress: Progress
@@ -359,23 +362,28 @@ class TaskSolver:
 
         Of a task whose plan failed in physics what helps is what physics carries out.
         """
-        begun, failure, explanation = self.clock(), failure_of(found.simulation), found.explanation
+        begun, explanation = self.clock(), found.explanation
         remedies, tried = _RemedySearch(self, found, uploads, on_progress).found()
         if explanation.cup_place is not None:
             # They are for the cup where it was put, which the task as posted leaves open.
             remedies = [with_cup_at(explanation.cup_place.position, remedy) for remedy in remedies]
-        failed = "" if failure is None else f" In physics it failed: {failure.words()}."
         helps = (
             f"{in_vain(explanation.causes, remedies, tried)}What helps: {remedies[0].sentence}"
             if remedies
             else why_none(tried)
         )
-        summary = f"{explanation.summary}{failed} {helps}"
+        summary = f"{explanation.summary}{_failure_told(found)} {helps}"
         explanation = explanation.model_copy(update={"summary": summary, "remedies": remedies})
         seconds, statistics = self.clock() - begun, found.statistics
         times = [*statistics.times, ("remedies", seconds)]
         statistics = statistics.taking(times, (statistics.total_seconds or 0.0) + seconds)
         return found.model_copy(update={"explanation": explanation, "statistics": statistics})
+
+
+def _failure_told(plan: Plan) -> str:
+    """Return what to add to the summary of a plan that failed in physics, beginning with a space; else nothing."""
+    failure = failure_of(plan.simulation)
+    return "" if failure is None else f" In physics it failed: {failure.words()}."
 
 
 class _TakesTooLong(Exception):

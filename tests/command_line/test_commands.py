@@ -17,7 +17,7 @@ from app.cli.keys_command import issue_key
 from app.cli.main import main
 from app.cli.service_client import KEY_VARIABLE, ServiceClient
 from app.settings import ServiceSettings
-from app.summary import contact_states, is_certified, summarise
+from app.summary import contact_states, is_certified, outcome_line, summarise
 from planners.cell.cell import load_cell
 from planners.contract.scene_document import SceneDocument
 from planners.plan.loads import largest_load
@@ -221,6 +221,10 @@ def test_a_plan_tells_where_the_cup_was_put_where_the_task_left_that_open() -> N
 def test_a_solved_plan_tells_how_it_fared_in_physics(executed: dict[str, Any] | None, line: str) -> None:
     plan = _plan(simulation=executed, statistics=_statistics(20.0, {"simulate": 17.7}))
     assert line in summarise(plan).splitlines()
+    # In one line, too, as it is told of several tasks: a plan that failed is not told as one that did not.
+    _, failed, how = line.partition("FAILED: ")
+    assert outcome_line(plan).partition("; in physics it FAILED: ")[2] == how
+    assert ("FAILED" in outcome_line(plan)) == bool(failed)
 
 
 def test_a_plan_that_nobody_wants_simulated_says_so() -> None:

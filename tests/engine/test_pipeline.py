@@ -21,7 +21,7 @@ from planners.errors import SceneError
 from planners.geometry.solid_mesh import take_mesh
 from planners.plan.plan import Plan
 from planners.plan.simulation import LiftSimulation
-from planners.plan.verdicts import StageTime, Statistics
+from planners.plan.verdicts import Explanation, StageTime, Statistics
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Report, silent
 from planners.scene.suction_tool import load_tools
@@ -40,7 +40,12 @@ def a_plan(planned: Any = None, *_: Any) -> Plan:
     )
     cell = CELLS["dual_ur3e_lift"].document()
     return Plan.model_construct(
-        outcome="solved", task=planned or read_task(task()), cell=cell, segments=[], statistics=statistics
+        outcome="solved",
+        task=planned or read_task(task()),
+        cell=cell,
+        segments=[],
+        explanation=Explanation(summary="The plate is lifted.", causes=[], remedies=None),
+        statistics=statistics,
     )
 
 
@@ -142,9 +147,14 @@ def test_stages_are_reported_in_order() -> None:
 
 def test_a_simulation_that_fails_is_told_and_the_plan_is_delivered() -> None:
     request = SolverRequest("p1", {**task(options={"remedies": False}), "seed": 7})
-    simulation = pipeline(passed=True, simulate=a_slip).solve(request, silent).simulation
-    assert isinstance(simulation, LiftSimulation)
-    assert (simulation.outcome, simulation.seed) == ("slipped", 7)
+    plan = pipeline(passed=True, simulate=a_slip).solve(request, silent)
+    assert isinstance(plan.simulation, LiftSimulation)
+    assert (plan.simulation.outcome, plan.simulation.seed) == ("slipped", 7)
+    # Whether or not somebody wants remedies.
+    assert "In physics it failed: slipped" in plan.explanation.summary
+    assert plan.digest == plan.sealed().digest
+    lifted = pipeline(passed=True).solve(request, silent)
+    assert "In physics" not in lifted.explanation.summary
 
 
 def test_uploaded_meshes_come_with_the_request() -> None:
