@@ -293,7 +293,7 @@ class EncodedBody(ServiceError, status=HTTPStatus.UNSUPPORTED_MEDIA_TYPE, title=
         self.headers = {"Accept-Encoding": "identity"}
 
 
-class BadHeader(ServiceError, status=HTTPStatus.BAD_REQUEST, title="A header cannot be followed"):
+class BadHeader(ServiceError, status=HTTPStatus.BAD_REQUEST, title="A header or parameter cannot be followed"):
     """A header or query parameter says something that cannot be followed."""
 
 

@@ -113,6 +113,8 @@ def _places(named: Sequence[str], out: Path | None) -> list[Path | None]:
         return [None] * len(named)
     places = [out]
     if len(named) > 1:
+        if out.exists() and not out.is_dir():
+            raise BadInput(f"{out} is a file; of several tasks the documents go to a folder")
         out.mkdir(exist_ok=True)
         places = [out / f"{'stdin' if name == STDIN else Path(name).stem}.json" for name in named]
     for name, place in zip(named, places, strict=True):

@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 
 from planners.contract.quantities import PATTERN_WORDS, Mass
 from planners.contract.shapes import Box, Cylinder, Mesh, Prism
-from planners.contract.task_spec import KINDS, UNION_TAGS, CustomTool, task_schema
+from planners.contract.task_spec import KINDS, UNION_TAGS, CustomTool, ToolPart, task_schema
 from planners.errors import AssetFault, LiftwrightError, SceneError
 from planners.geometry.pose import Array, from_pose7
 
@@ -108,9 +108,10 @@ def doubts_of(task: object) -> list[Problem]:
     """Return what a task, as JSON data, may be read in and was most probably not meant.
 
     That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last; a mass with
-    which a body is denser than any metal, as one in grams is; and a tool's pad that its shapes leave out.
+    which a body is denser than any metal, as one in grams is; and a tool's pad that its shapes leave out, or a part of
+    the tool that hangs on nothing.
     """
-    return [*_doubtful_turns(task), *_doubtful_masses(task, ()), *_doubtful_pad(task)]
+    return [*_doubtful_turns(task), *_doubtful_masses(task, ()), *_doubtful_tool(task)]
 
 
 def _doubtful_turns(task: object) -> list[Problem]:
@@ -138,12 +139,12 @@ def _doubtful_masses(data: object, path: tuple[str | int, ...]) -> Iterator[Prob
         return
     density = mass / shape.volume
     if density > DENSEST:
-        detail = f"{mass:g} kg make it {1e-3 * density:.3g} kg a litre, and no metal has more than 23: is it in grams?"
+        detail = f"{mass:g} kg make it {1e-3 * density:.0f} kg a litre, and no metal has more than 23: is it in grams?"
         yield Problem(json_pointer((*path, "mass")), detail)
 
 
-def _doubtful_pad(task: object) -> Iterator[Problem]:
-    """Yield a doubt where the rim of a tool's pad reaches out over its shapes: only they are kept from touching."""
+def _doubtful_tool(task: object) -> Iterator[Problem]:
+    """Yield doubts whether a tool's shapes, which alone are kept from touching anything, are all of it."""
     try:
         tool = _TOOL.validate_python(task.get("tool") if isinstance(task, dict) else None)
     except ValidationError:
@@ -154,6 +155,54 @@ def _doubtful_pad(task: object) -> Iterator[Problem]:
             "anything: a cylinder of its radius at the origin is missing among them"
         )
         yield Problem("/tool/cup/radius", detail)
+    for number, gap in _parts_apart(tool):
+        detail = (
+            f"nothing joins it to the tool's other shapes: the nearest is {1e3 * gap:.0f} mm away, and what is between "
+            "is not kept from touching anything; a pose is that of the middle of a box, cylinder or prism"
+        )
+        yield Problem(f"/tool/shapes/{number}", detail)
+
+
+def _parts_apart(tool: CustomTool) -> list[tuple[int, float]]:
+    """Return the numbers of a tool's shapes that are apart from those joined to the first one, and by how much [m].
+
+    Judged by boxes around them, which are apart only where the shapes are; meshes take reading, and are left out.
+    """
+    boxes = {i: _box_around(part) for i, part in enumerate(tool.shapes) if not isinstance(part.shape, Mesh)}
+    if len(boxes) < len(tool.shapes):
+        return []
+    joined = [boxes.pop(0)]
+    while boxes:
+        gaps = {number: min(_box_gap(box, other) for other in joined) for number, box in boxes.items()}
+        nearest = min(gaps, key=lambda number: gaps[number])
+        if gaps[nearest] > PAD_BEYOND:
+            return sorted(gaps.items())
+        joined.append(boxes.pop(nearest))
+    return []
+
+
+def _box_around(part: ToolPart) -> Array:
+    """Return the lowest and the highest corner (2, 3) of a box around a shape of a tool, along the tool's axes [m]."""
+    shape, T = part.shape, from_pose7(part.pose)
+    assert not isinstance(shape, Mesh)
+    match shape:
+        case Box():
+            outline, height = (
+                np.array([[x, y] for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * shape.size[:2],
+                shape.size[2],
+            )
+        case Cylinder():
+            outline, height = shape.radius * np.array([[x, y] for x in (-1.0, 1.0) for y in (-1.0, 1.0)]), shape.height
+        case Prism():
+            outline, height = np.array(shape.outline), shape.height
+    levels = (np.column_stack([outline, np.full(len(outline), z)]) for z in (-0.5 * height, 0.5 * height))
+    corners = np.vstack([*levels]) @ T[:3, :3].T + T[:3, 3]
+    return np.array([corners.min(axis=0), corners.max(axis=0)])
+
+
+def _box_gap(one: Array, other: Array) -> float:
+    """Return how far two boxes (2, 3) along the same axes are apart [m]; 0 where they touch."""
+    return float(np.linalg.norm(np.maximum(np.maximum(one[0] - other[1], other[0] - one[1]), 0.0)))
 
 
 def pad_beyond(tool: CustomTool) -> float:
@@ -236,6 +285,8 @@ _SENTENCES = {
     "extra_forbidden": "is not known here",
     "float_type": "must be a number; strings and booleans are not numbers",
     "int_type": "must be a whole number; strings and booleans are not numbers",
+    "float_parsing": "must be a number",
+    "int_parsing": "must be a whole number",
     "finite_number": "must be a finite number",
     "string_type": "must be a string",
     "tuple_type": "must be an array",
@@ -277,7 +328,7 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
     if kind == "string_pattern_mismatch":
         pattern = context["pattern"]
         return PATTERN_WORDS.get(pattern, f"must match {pattern}")
-    return message.replace("Input should be", "must be", 1)
+    return message.removeprefix("Value error, ").replace("Input should be", "must be", 1)
 
 
 def _is_length(path: Sequence[str | int]) -> bool:

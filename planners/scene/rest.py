@@ -289,11 +289,11 @@ def _advice(solid: Solid, T_world_body: Transform, com: Array, below: Sequence[L
         return hint
     face = max(steady, key=lambda face: float(face.normal @ -T_world_body[2, :3]))
     nearest = _nearest(face, T_world_body, below)
-    T_settled = settled(face, T_world_body, nearest.height)
-    center = (T_settled[:3, :3] @ com + T_settled[:3, 3])[:2]
-    if beyond(_touching_points(solid, face, T_settled, nearest), center) > TIP_SLACK:
+    level = [place for place in below if abs(place.height - nearest.height) <= SAME_HEIGHT]
+    footing = _highest_footing(solid, face, T_world_body, level)
+    if footing is None or -footing.inside(com) > TIP_SLACK:
         return f"; put down on {nearest.name} it would tip over its edge"
-    pose = [round(value, 6) + 0.0 for value in to_pose7(T_settled)]
+    pose = [round(value, 6) + 0.0 for value in to_pose7(footing.T_world_body)]
     return f"; on {nearest.name} it would rest at {pose}"
 
 

@@ -337,6 +337,7 @@ def test_no_document_takes_the_place_of_its_task_or_of_another_document(tmp_path
     assert "one.json is a task" in refusal(one, _written(tmp_path / "two.json", task()), "--out", tmp_path)
     assert "two tasks would be written to" in refusal(one, same, "--out", tmp_path / "plans")
     assert f"{one} is given twice" in refusal(one, one)
+    assert "go to a folder" in refusal(one, _written(tmp_path / "two.json", task()), "--out", one)
     assert json.loads(one.read_text()) == task()
 
 

@@ -363,6 +363,21 @@ def test_a_pad_that_its_tools_shapes_leave_out_is_doubted(shape, reaches, pose):
         assert all("reaches 6 mm beyond" in doubt.detail for doubt in doubts)
 
 
+@pytest.mark.parametrize("turn", [NO_TURN, HALF_TURN, [0.5**0.5, 0.5**0.5, 0, 0], [0.5**0.5, 0, 0.5**0.5, 0]])
+@pytest.mark.parametrize("gap", [-0.01, 0.0, 0.004, 0.006, 0.3])
+def test_parts_of_a_tool_that_nothing_joins_to_its_pad_are_doubted(gap, turn):
+    disc = {"shape": DISC, "pose": [0, 0, 0.005, *NO_TURN]}
+    at = 0.01 + gap + 0.02
+    block = {"shape": {"type": "box", "size": [0.04] * 3}, "pose": [0, 0, at, *turn]}
+    # What is joined to what is apart is as far from the pad as that lets it be.
+    handle = {"shape": {"type": "cylinder", "radius": 0.01, "height": 0.1}, "pose": [0, 0, at + 0.07, *NO_TURN]}
+    for shapes, apart in (([disc, block, handle], [1, 2]), ([disc, handle, block], [1, 2]), ([disc, block], [1])):
+        tool = {"shapes": shapes, "mass": 0.2, "cup": {"radius": 0.03, "max_force": 20.0}}
+        doubts = doubts_of({"kind": "suction_tool", "tool": tool})
+        assert [doubt.pointer for doubt in doubts] == [f"/tool/shapes/{number}" for number in apart if gap > 0.005]
+        assert not doubts or any(f"the nearest is {1e3 * gap:.0f} mm away" in doubt.detail for doubt in doubts)
+
+
 def test_how_far_a_tool_of_meshes_reaches_and_a_tool_by_name_are_not_doubted():
     part = {"shape": {"type": "mesh", "upload": "0" * 64}, "pose": [0, 0, 0, *NO_TURN]}
     tool = {"shapes": [part], "mass": 0.2, "cup": {"radius": 0.5, "max_force": 20.0}}

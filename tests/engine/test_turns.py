@@ -192,6 +192,25 @@ def test_a_job_that_is_put_off_comes_after_all_others_but_does_not_wait_for_ever
     assert queue.next() == ["put off"]
 
 
+def test_a_job_that_was_put_off_long_enough_is_among_its_owners_jobs_as_it_was_before(queue: Queue) -> None:
+    queue.clear()
+    for number, (job, priority) in enumerate({"urgent": 9, "usual": 5}.items()):
+        queue.post(job, "a", priority, number)
+        queue.put(job, status="PENDING", executor_id=WORKER)
+        queue.queue.put_off(WORKER, job)
+    for number, (job, priority) in enumerate({"as urgent, later": 9, "as usual, later": 5, "last": 0}.items()):
+        queue.post(job, "a", priority, 10 + number)
+    long_ago = round(1e3 * (time.time() - PUT_OFF_SECONDS))
+    for job in ("urgent", "usual"):
+        queue.put(job, updated_at=long_ago)
+    begun = list[str]()
+    for _ in range(5):
+        (job,) = queue.next()
+        queue.put(job, status="SUCCESS")
+        begun.append(job)
+    assert begun == ["urgent", "as urgent, later", "usual", "as usual, later", "last"]
+
+
 def test_whoever_tops_up_at_the_highest_priority_has_every_second_turn_and_no_more(queue: Queue) -> None:
     """One worker with one slot: nothing runs when it looks for the next job."""
     queue.clear()

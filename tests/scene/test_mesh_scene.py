@@ -97,6 +97,11 @@ def test_a_small_thing_does_not_rest_on_the_hole_of_a_ring(build):
         build(task([lying(small, pose, pose, (0, 0, 0))], obstacles=[ring]))
     (moved,) = build(task([lying(wide, pose, pose, (0, 0, 0))], obstacles=[ring])).objects
     assert moved.start_supports == ("ring",)
+    # Above it, it is told to come down to where it rests: on all of the ring's pieces, on none of which alone it would.
+    high = [0.45, 0, TOP + 0.165, 1, 0, 0, 0]
+    with pytest.raises(SceneError, match=r"rests on nothing: .* 100 mm above the top of ring") as refused:
+        build(task([lying(wide, high, pose, (0, 0, 0))], obstacles=[ring]))
+    assert f"on ring it would rest at [0.45, 0.0, {TOP + 0.065:g}, 1.0, 0.0, 0.0, 0.0]" in str(refused.value)
     # Upright in the hole it stands on the table.
     inside = [0.45, 0, TOP + 0.015, 1, 0, 0, 0]
     (moved,) = build(task([lying(small, inside, inside, (0, 0, 0))], obstacles=[ring])).objects

@@ -458,14 +458,14 @@ class JobQueue:
         round the owner comes first whose last job was begun longest ago. All of it is read from the engine's indexes.
         Jobs that are put off come after all others, but not for ever.
         """
-        jobs = self._jobs
-        of_owner = [jobs.c.priority, jobs.c.created_at, jobs.c.workflow_uuid]
+        jobs, put_off = self._jobs, self._is_put_off(sa.literal(_put_off_since_ms()))
+        of_owner = [self._priority(put_off), jobs.c.created_at, jobs.c.workflow_uuid]
         waiting = (
             sa.select(
                 jobs.c.workflow_uuid,
                 jobs.c.created_at,
                 jobs.c.queue_partition_key.label("owner"),
-                self._is_put_off(sa.literal(_put_off_since_ms())).label("put_off"),
+                put_off.label("put_off"),
                 sa.func.row_number().over(partition_by=jobs.c.queue_partition_key, order_by=of_owner).label("ahead"),
             )
             .where(self._due(queue), jobs.c.status == ENQUEUED)
@@ -499,8 +499,9 @@ class JobQueue:
     def _counts_of_due(self) -> sa.Select[Any]:
         """Return a query of how many jobs may be begun or run, by what `DueJobs` tells apart."""
         jobs = self._jobs
-        put_off = self._is_put_off(sa.bindparam(PUT_OFF_SINCE, type_=sa.BigInteger)).label("put_off")
-        kinds = jobs.c.queue_partition_key.label("owner"), jobs.c.status, jobs.c.priority, put_off
+        put_off = self._is_put_off(sa.bindparam(PUT_OFF_SINCE, type_=sa.BigInteger))
+        priority = self._priority(put_off).label("priority")
+        kinds = jobs.c.queue_partition_key.label("owner"), jobs.c.status, priority, put_off.label("put_off")
         counts = sa.select(*kinds, sa.literal(1).label("one")).where(self._due()).subquery()
         columns = [counts.c[each.name] for each in kinds]
         return sa.select(*columns, sa.func.count().label("number")).group_by(*columns)
@@ -521,6 +522,11 @@ class JobQueue:
     def _is_put_off(self, since_ms: sa.ColumnElement[int]) -> sa.ColumnElement[bool]:
         """Return what holds of jobs that come after all others, because they were put off after a time."""
         return sa.and_(sa.not_(self._no_verdict), self._jobs.c.updated_at > since_ms)
+
+    def _priority(self, put_off: sa.ColumnElement[bool]) -> sa.ColumnElement[int]:
+        """Return the priority of a job, the least first: of one that was put off long enough, that of before."""
+        was_put_off = sa.and_(sa.not_(self._no_verdict), sa.not_(put_off))
+        return sa.case((was_put_off, self._jobs.c.priority - PUT_OFF), else_=self._jobs.c.priority)
 
     def running(self) -> dict[str, set[str]]:
         """Return the ids of the jobs that were begun and have not ended, by the worker they belong to."""
