@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from planners.contract.quantities import Point2
 from planners.contract.shapes import Box, Cylinder, Prism
 from planners.geometry import polygon, surface
 from planners.geometry.convex import ConvexShape, box, cylinder, prism
@@ -245,16 +246,27 @@ class CompoundSolid(Solid):
         return np.vstack(vertices), np.vstack(faces)
 
 
-@lru_cache(maxsize=256)
 def solid_of(shape: Box | Cylinder | Prism) -> ExtrudedSolid:
     """Return the solid of a shape of the contract; both have the same frame. Equal shapes share one, and its faces."""
     match shape:
         case Box():
-            x, y, z = shape.size
-            return ExtrudedSolid(polygon.rectangle(x, y), z, False, box(shape.size))
+            return _box(*shape.size)
         case Prism():
-            extruded = prism(shape.outline, shape.height)
-            return ExtrudedSolid(np.array(shape.outline), shape.height, False, extruded)
+            return _prism(shape.outline, shape.height)
         case Cylinder():
-            rim = polygon.circle(shape.radius, RIM_POINTS)
-            return ExtrudedSolid(rim, shape.height, True, cylinder(shape.radius, shape.height))
+            return _cylinder(shape.radius, shape.height)
+
+
+@lru_cache(maxsize=256)
+def _box(x: float, y: float, z: float) -> ExtrudedSolid:
+    return ExtrudedSolid(polygon.rectangle(x, y), z, False, box((x, y, z)))
+
+
+@lru_cache(maxsize=256)
+def _prism(outline: tuple[Point2, ...], height: float) -> ExtrudedSolid:
+    return ExtrudedSolid(np.array(outline), height, False, prism(outline, height))
+
+
+@lru_cache(maxsize=256)
+def _cylinder(radius: float, height: float) -> ExtrudedSolid:
+    return ExtrudedSolid(polygon.circle(radius, RIM_POINTS), height, True, cylinder(radius, height))
