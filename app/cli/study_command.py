@@ -151,12 +151,23 @@ def read_axis(text: str) -> Axis:
         raise ValueError(f"{text!r} is no axis: write /POINTER=MIN:MAX:COUNT, or /POINTER=VALUE,VALUE,…")
     of = part if at else None
     bounds = values.split(":")
-    if len(bounds) == 3 and not values.startswith(("[", "{", '"')):
+    if (len(bounds) == 3 and not values.startswith(("[", "{", '"'))) or (
+        len(bounds) > 1 and all(map(_is_number, bounds))
+    ):
         try:
-            return Axis(pointer, of, (float(bounds[0]), float(bounds[1]), int(bounds[2])))
+            low, high, count = bounds
+            return Axis(pointer, of, (float(low), float(high), int(count)))
         except ValueError:
             raise ValueError(f"{values!r} is no range: write MIN:MAX:COUNT, as -0.12:0.12:12") from None
     return Axis(pointer, of, None, tuple(_listed(values)))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _listed(text: str) -> Iterator[Any]:

@@ -34,7 +34,10 @@ def test_an_axis_is_read_as_it_is_typed(text: str, axis: dict) -> None:
     assert read_axis(text).document() == axis
 
 
-@pytest.mark.parametrize("text", ["/cup/max_force", "/cup/max_force=", "cup=1,2", "/cup/max_force=1:2:x", "/a=1:y:3"])
+@pytest.mark.parametrize(
+    "text",
+    ["/cup/max_force", "/cup/max_force=", "cup=1,2", "/cup/max_force=1:2:x", "/a=1:y:3", "/a=0:0.1", "/a=0:1:2:3"],
+)
 def test_what_is_no_axis_is_told_with_how_to_write_one(text: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["study", WEAK, "--axis", text])
