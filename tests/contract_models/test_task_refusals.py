@@ -375,7 +375,7 @@ def test_parts_of_a_tool_that_nothing_joins_to_its_pad_are_doubted(gap, turn):
         tool = {"shapes": shapes, "mass": 0.2, "cup": {"radius": 0.03, "max_force": 20.0}}
         doubts = doubts_of({"kind": "suction_tool", "tool": tool})
         assert [doubt.pointer for doubt in doubts] == [f"/tool/shapes/{number}" for number in apart if gap > 0.005]
-        assert not doubts or any(f"the nearest is {1e3 * gap:.0f} mm away" in doubt.detail for doubt in doubts)
+        assert not doubts or any(f"hangs on that is {1e3 * gap:.0f} mm away" in doubt.detail for doubt in doubts)
 
 
 def test_how_far_a_tool_of_meshes_reaches_and_a_tool_by_name_are_not_doubted():
