@@ -157,8 +157,8 @@ def _doubtful_tool(task: object) -> Iterator[Problem]:
         yield Problem("/tool/cup/radius", detail)
     for number, gap in _parts_apart(tool):
         detail = (
-            f"nothing joins it to the first shape: what hangs on that is {1e3 * gap:.0f} mm away, and what is between is "
-            "not kept from touching anything; a pose is that of the middle of a box, cylinder or prism"
+            f"nothing joins it to the first shape: what hangs on that is {1e3 * gap:.0f} mm away, and what is between "
+            "is not kept from touching anything; a pose is that of the middle of a box, cylinder or prism"
         )
         yield Problem(f"/tool/shapes/{number}", detail)
 
