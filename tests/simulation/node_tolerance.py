@@ -11,7 +11,7 @@ from planners.plan.simulation import SimulatedManipulation
 from workers.simulation.settings import SimulationSettings
 
 OWN_SHARE = 0.1
-"""Of the planned force of a hand or a support: the path is followed by compliant hands [1]."""
+"""Of a bearer's own planned force: its path is followed by compliant hands [1]."""
 SIGMAS = 3.0
 _READINGS = 6
 """In the mean over which nodes are compared: 60 ms of a sensor of 100 Hz."""
@@ -29,16 +29,14 @@ def largest_excess(manipulation: SimulatedManipulation) -> float:
 def _allowed(planned: Mapping[str, Array], name: str) -> float:
     """Return what a bearer may differ by [N].
 
-    The lifter errs by some per cent of its planned pull, and what it does not bear the others do. It follows no path
-    of its own: what the others do not bear, each by itself, it does. A sensor is noisy, and the stick never presses
-    less than a stated force.
+    The lifter errs by some per cent of its planned pull, and what it does not bear the others do. A sensor is noisy,
+    and the stick never presses less than a stated force.
     """
     settings = SimulationSettings()
     lifter = SIGMAS * settings.cup.error * float(np.linalg.norm(planned["cup"]))
     sensor = settings.sensor
     noise = SIGMAS * sensor.force_noise * float(np.sqrt(1.0 / _READINGS + 1.0 / sensor.tare_readings))
-    bearers = [each for each in planned if each != "cup"] if name == "cup" else [name]
-    own = OWN_SHARE * float(np.linalg.norm([np.linalg.norm(planned[each]) for each in bearers]))
+    own = OWN_SHARE * float(np.linalg.norm(planned[name]))
     return own + lifter + noise + _least_push(planned, settings.contact.least_push)
 
 
