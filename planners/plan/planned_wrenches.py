@@ -13,7 +13,7 @@ from planners.plan.contacts import Contact
 from planners.plan.segment import Segment, SegmentKind
 
 LEAD = 0.3
-"""Hands and lifter begin to change what they bear so long before the plan has it change [s]."""
+"""So long hands and lifter take to change what they bear where the plan has it change at once [s]."""
 
 
 def planned_wrenches(segments: Sequence[Segment], name: str) -> Array:
@@ -33,7 +33,7 @@ def told_wrenches(segments: Sequence[Segment], planned: Array) -> Array:
     """Return what a bearer is told to exert: what it changes from one segment to the next begins to change before.
 
     Both wrenches balance the plate as it is at the border, so all that lies between them does: friction cones are
-    convex.
+    convex. Where a hand comes to the plate, which bears nothing of it before, the change begins at the border.
 
     Args:
         segments: of the plan of a lift.
@@ -42,7 +42,12 @@ def told_wrenches(segments: Sequence[Segment], planned: Array) -> Array:
     time = np.concatenate([segment.time for segment in segments])
     borders: NDArray[np.int64] = np.cumsum([len(segment.time) for segment in segments])[:-1]
     result = planned.copy()
-    for border in borders:
+    for segment, border in zip(segments, borders, strict=False):
+        if segment.kind in (SegmentKind.GRIP, SegmentKind.APPROACH):
+            jump = np.nan_to_num(planned[border]) - np.nan_to_num(planned[border - 1])
+            left = np.clip(1.0 - (time[border:] - time[border]) / LEAD, 0.0, 1.0)
+            result[border:] -= left[:, None] * jump
+            continue
         jump = np.nan_to_num(planned[border] - planned[border - 1])
         part = np.clip((time[:border] - (time[border] - LEAD)) / LEAD, 0.0, 1.0)
         result[:border] += part[:, None] * jump
