@@ -21,6 +21,7 @@ from pydantic import (
 from app.errors import BadHeader
 from app.resources.schemas import Outcome, PlanState
 from planners.contract.quantities import ExternalId
+from planners.plan.simulation import Physics
 from workers.stores.jobs import HIGHEST_PRIORITY, JobOrder, JobState
 from workers.stores.plan_store import PlanFilter
 from workers.stores.tables import Position
@@ -118,6 +119,8 @@ class PlanQuery(BaseModel):
     state: PlanState | None = None
     outcome: Outcome | None = None
     """Of jobs that have succeeded."""
+    physics: Physics | None = None
+    """How the plan fared there."""
 
     @property
     def position(self) -> Position | None:
@@ -138,6 +141,7 @@ class PlanQuery(BaseModel):
             self.work_master,
             state,
             self.outcome,
+            self.physics,
             self.name,
             _microseconds(self.created_from),
             _microseconds(self.created_until),

@@ -12,6 +12,7 @@ from planners.contract.problems import doubts_of
 from planners.contract.scene_document import SceneDocument
 from planners.contract.strict_model import DescribedModel
 from planners.plan.plan import Outcome
+from planners.plan.simulation import Physics
 from planners.survey.survey import SurveyFigures
 from workers.stores.cell_store import CellFindings, StoredCell
 from workers.stores.jobs import Job, JobState
@@ -228,6 +229,9 @@ class PlanResource(Resource):
     verdict: Outcome | None = None
     """The outcome as soon as it is known: from then on the document can be fetched, at first without its simulation, or
     without changes that would help, and stays valid whatever becomes of those."""
+    physics: Physics | None = None
+    """How the plan fared there: a certified plan may still fail, and its document says how and what helps. None: it was
+    not tried, or not yet, or by software that kept none."""
     progress: PlanProgress
     created_at: datetime
     started_at: datetime | None
@@ -394,6 +398,7 @@ def plan_resource(
             "done": job.state.done,
             "outcome": record.outcome if succeeded else None,
             "verdict": record.outcome,
+            "physics": record.physics,
             "progress": {"stage": record.stage, "fraction": 1.0 if succeeded else record.fraction},
             "created_at": _time(record.created_us),
             "started_at": _time(record.started_us),

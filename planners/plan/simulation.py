@@ -216,6 +216,17 @@ class PhysicsFailure(NamedTuple):
         return f"{self.outcome} at {self.time:.2f} s of motion{when}: {self.cause}"
 
 
+Physics = Literal["passed", "failed"]
+"""Whether a plan was carried out in physics to its end."""
+
+
+def physics_of(simulation: LiftSimulation | ToolSimulation | None) -> Physics | None:
+    """Return how a plan fared in physics; None: it was not tried."""
+    if simulation is None:
+        return None
+    return "passed" if failure_of(simulation) is None else "failed"
+
+
 def failure_of(simulation: LiftSimulation | ToolSimulation | None) -> PhysicsFailure | None:
     """Return how a plan failed in physics; None where it did not, or was not tried."""
     if simulation is None or simulation.outcome in ("lifted", "done"):

@@ -26,7 +26,8 @@ def plans(address: str) -> list[dict[str, Any]]:
             client.post("/v1/plans", json=body).json()
             for body in (
                 task(external_id="order-7"), task(external_id="fail"), task(external_id="order-7", seed=1),
-                task(TOOL_TASK, external_id="order-8"),
+                task(TOOL_TASK, external_id="order-8"), task(external_id="simulate-slip"),
+                task(external_id="simulate-1"),
             )
         ]  # fmt: skip
         ended = [finished(client, plan) for plan in posted]
@@ -60,6 +61,9 @@ def found(client: httpx.Client, **query: Any) -> list[dict[str, Any]]:
         {"state": "cancelled"},
         {"outcome": "solved"},
         {"outcome": "infeasible"},
+        {"physics": "failed"},
+        {"physics": "passed"},
+        {"physics": "failed", "state": "failed"},
         {"kind": "plate_lift", "state": "succeeded", "outcome": "solved", "external_id": "order-7"},
         {"state": "failed", "outcome": "solved"},
     ],

@@ -106,7 +106,7 @@ def test_each_stage_of_each_object_is_told_apart_and_without_the_name_that_its_c
     def plan(accepted: Any, scene: Any, *_: Any) -> Plan:
         times = [StageTime(name=name, seconds=each) for name, each in seconds.items()]
         statistics = a_plan().statistics.model_copy(update={"stages": times})
-        stated = {"task": accepted, "cell": scene.cell.document(), "statistics": statistics}
+        stated = {"task": accepted, "cell": scene.cell.document(), "statistics": statistics, "simulation": None}
         return a_plan().model_copy(update=stated)
 
     solver = TaskSolver({body["cell"]: load_cell(body["cell"])}, load_tools(), plan=plan, certify=lambda *_: None)

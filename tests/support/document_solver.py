@@ -12,8 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from planners.plan.simulation import Physics
 from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, SolverRequest
+
+PHYSICS: dict[str | None, Physics] = {"lifted": "passed", "done": "passed", "slipped": "failed"}
 
 
 def solve(request: SolverRequest, _: object, certified: Callable[[Answer], bool]) -> Answer:
@@ -30,7 +33,8 @@ def solve(request: SolverRequest, _: object, certified: Callable[[Answer], bool]
 
 
 def answer(document: dict[str, Any]) -> Answer:
-    return Answer(document["outcome"], json.dumps(document).encode())
+    physics = PHYSICS.get((document.get("simulation") or {}).get("outcome"))
+    return Answer(document["outcome"], json.dumps(document).encode(), physics=physics)
 
 
 if __name__ == "__main__":

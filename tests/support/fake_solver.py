@@ -82,11 +82,13 @@ def simulated(document: dict[str, Any], progress: Progress, *, again: bool) -> A
         os.kill(os.getpid(), signal.SIGKILL)
     if wish == "fail":
         raise ValueError("the fake solver was told to fail in physics")
-    steps = int(wish) if wish.isdigit() else 1 if wish == "die" else 6000
+    steps = int(wish) if wish.isdigit() else 1 if wish in ("die", "slip") else 6000
     for step in range(steps):
         progress(Report("simulate", step + 1, steps))
         time.sleep(STEP_SECONDS)
-    return Answer("solved", json.dumps({**document, "simulation": {"outcome": "lifted"}}).encode())
+    ending = "slipped" if wish == "slip" else "lifted"
+    physics = "failed" if wish == "slip" else "passed"
+    return Answer("solved", json.dumps({**document, "simulation": {"outcome": ending}}).encode(), physics=physics)
 
 
 def remedied(document: dict[str, Any], progress: Progress) -> Answer:

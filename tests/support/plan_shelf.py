@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from planners.cell.cell import Cell
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
+from planners.plan.simulation import physics_of
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, handover_key
 from planners.scene.scene import build_scene, with_centres
@@ -97,7 +98,8 @@ class PlanShelf:
     def answer(self, request: SolverRequest, progress: Progress, _: Callable[[Answer], bool]) -> Answer:
         """Answer as a solver."""
         document = self.take(request, progress)
-        return Answer(json.loads(document)["outcome"], document)
+        plan = Plan.read(document)
+        return Answer(plan.outcome, document, physics=physics_of(plan.simulation))
 
     @cached_property
     def _set_up(self) -> HandoverStore | None:

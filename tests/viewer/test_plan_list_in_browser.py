@@ -36,6 +36,7 @@ def plans(service: ServiceProcess) -> list[dict[str, Any]]:
         (task("domino_pile.json", external_id="dominoes"), {}),
         (task(external_id="of a part"), {"work_master": "LID-7"}),
         (task(external_id="infeasible"), {}),
+        (task(external_id="simulate-slip"), {}),
     ]
     with service.client() as client:
         posted = [client.post("/v1/plans", json=body, params=query).json() for body, query in bodies]
@@ -93,6 +94,10 @@ def test_plans_are_found_by_name_part_kind_result_and_day(window: Page) -> None:
     window.get_by_label("Kind").select_option("")
     window.get_by_label("Result").select_option("outcome=infeasible")
     listed(window, "infeasible")
+    window.get_by_label("Result").select_option("physics=failed")
+    listed(window, "simulate-slip")
+    assert "solved, failed in physics" in window.locator("[data-plan]").inner_text()
+    window.get_by_label("Result").select_option("outcome=infeasible")
     today = datetime.now().date()
     window.get_by_label("Until").fill(str(today - timedelta(days=1)))
     listed(window)

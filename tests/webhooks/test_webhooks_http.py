@@ -79,8 +79,22 @@ def test_the_end_of_a_job_is_told_signed_and_thin(clients: dict[str, httpx.Clien
     message = Webhook(webhook["secret"]).verify(body, headers)
     assert message["type"] == "plan.succeeded"
     links = {"self": plan["links"]["self"]}
-    told = {"id": plan["id"], "external_id": "now", "state": "succeeded", "outcome": "solved", "links": links}
-    assert message["data"] == told
+    told = {"id": plan["id"], "external_id": "now", "state": "succeeded", "outcome": "solved", "physics": None}
+    assert message["data"] == {**told, "links": links}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "physics"), [("simulate-1", "passed"), ("simulate-slip", "failed")])
+def test_how_a_plan_fared_in_physics_is_told_at_its_end(
+    clients: dict[str, httpx.Client], receiver: Receiver, name: str, physics: str
+) -> None:
+    client = clients["mes"]
+    webhook = register(client, f"{receiver.address}/{name}")
+    plan = plan_for(client, webhook, name)
+    settled(client, webhook)
+    ((_, body),) = receiver.at(f"/{name}")
+    assert json.loads(body)["data"]["physics"] == physics
+    assert client.get(plan["links"]["self"]).json()["physics"] == physics
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ import numpy as np
 from planners.cell.cell import Cell, ShippedCells, load_cells
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
+from planners.plan.simulation import physics_of
 from planners.planning import CertificateFailed, TaskSolver
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import HandoverSettings, find_handovers
@@ -135,7 +136,7 @@ def _answer(plan: Plan) -> Answer:
         (next((name.removesuffix(suffix) for suffix in objects if name.endswith(suffix)), name), seconds)
         for name, seconds in plan.statistics.times
     )
-    return Answer(plan.outcome, plan.write(), stages)
+    return Answer(plan.outcome, plan.write(), stages, physics_of(plan.simulation))
 
 
 def cells_of(request: AnyRequest, task_cell: str, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:

@@ -283,7 +283,7 @@ class SolverProcess:
             packed = await self._stdout.readexactly(header.size)
         except asyncio.IncompleteReadError:
             raise SolverDied.with_code(await self._process.wait()) from None
-        return PackedDocument(header.outcome, header.sha256, packed, header.stages)
+        return PackedDocument(header.outcome, header.sha256, packed, header.stages, physics=header.physics)
 
 
 class SolverPool:

@@ -293,7 +293,7 @@ def _answer(solve: Solve, request: SolverRequest, channel: Channel) -> None:
 def _packed(answer: Answer) -> tuple[DocumentHeader, bytes]:
     packed = gzip.compress(answer.document, GZIP_LEVEL, mtime=0)
     sha256 = hashlib.sha256(answer.document).hexdigest()
-    return DocumentHeader(answer.outcome, sha256, len(packed), answer.stages), packed
+    return DocumentHeader(answer.outcome, sha256, len(packed), answer.stages, answer.physics), packed
 
 
 def answer_each(prepare: Callable[[], Callable[[bytes, Channel], None]]) -> None:

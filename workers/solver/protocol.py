@@ -3,9 +3,9 @@
 Parent to child, on stdin: one request `{"id", "task", "meshes", "cell_folder"}`. Stdin then stays open; that it closes
 means the parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
-`{"document": [outcome, sha256, size, stages]}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`. Then the
-child is ready for the next request, and says so, or it ends. What is certified, and still to be simulated or to be
-given remedies, is sent in between, as a document is, but as `{"certified": …}`; or at the end, if the request says
+`{"document": [outcome, sha256, size, stages, physics]}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
+Then the child is ready for the next request, and says so, or it ends. What is certified, and still to be simulated or to
+be given remedies, is sent in between, as a document is, but as `{"certified": …}`; or at the end, if the request says
 `until_certified`. A request may bring it back as `certified`: then what it lacks is added, and nothing is planned.
 
 A process that examines points of studies is asked `{"study", "points", "meshes", "cell_folder"}`, answers with
@@ -25,6 +25,7 @@ from planners.progress import Report
 
 if TYPE_CHECKING:
     from planners.geometry.solid_mesh import MeshDocument
+    from planners.plan.simulation import Physics
     from planners.scene.shape_source import Uploads
 
 MAX_LINE = 2**24
@@ -123,6 +124,8 @@ class Answer:
     """The plan, as it is stored and sent."""
     stages: tuple[tuple[str, float], ...] = ()
     """Name and seconds of each, without names of objects: one that several objects go through is there for each."""
+    physics: Physics | None = None
+    """How the plan fared there; None: it was not tried, or not yet."""
 
 
 class DocumentHeader(NamedTuple):
@@ -134,6 +137,7 @@ class DocumentHeader(NamedTuple):
     """Of what follows [bytes]."""
     stages: Sequence[tuple[str, float]]
     """As in the answer."""
+    physics: Physics | None
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,8 @@ class PackedDocument:
     """Name and seconds of each; one that several objects went through is there for each."""
     complete: bool = True
     """Whether nothing will be added to it; else its simulation, or remedies, are still to come."""
+    physics: str | None = None
+    """How the plan fared there; None: it was not tried, or not yet."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,8 @@ class PlanRecord:
     """When its document was first stored, of a solved plan; None of those that earlier software has stored."""
     study_id: str | None = None
     """Of the study of which it plans a point, as long as that is kept."""
+    physics: str | None = None
+    """How it fared there; None: not tried, not yet, or stored by earlier software."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,8 @@ class PlanFilter:
     state: JobState | None = None
     outcome: str | None = None
     """Of a job that has succeeded."""
+    physics: str | None = None
+    """How it fared there."""
     name: str | None = None
     """Part of `external_id` or `work_master`, or the beginning of the id; in capitals or not."""
     from_us: int | None = None
@@ -121,6 +127,7 @@ class PlanFilter:
             PLANS.c.external_id: self.external_id,
             PLANS.c.work_master: self.work_master,
             DOCUMENTS.c.outcome: self.outcome,
+            DOCUMENTS.c.physics: self.physics,
         }
         yield from (column == wanted for column, wanted in wishes.items() if wanted is not None)
         if self.name is not None:
@@ -290,10 +297,11 @@ class KeyTaken(LiftwrightError):
 WHY_OF_STATUS = MappingProxyType({FAILED: "error", GIVEN_UP: "interruptions"})
 """Why a job has failed if no solver said so and none was stopped, by the engine's word for its end."""
 EVERYTHING = PlanFilter()
+_OF_DOCUMENTS = ("outcome", "certified_us", "physics")
+"""Members of a record that are columns of documents."""
 _COLUMNS: list[sa.ColumnElement[Any]] = [
-    *(PLANS.c[each.name] for each in fields(PlanRecord) if each.name not in ("outcome", "priority", "certified_us")),
-    DOCUMENTS.c.outcome,
-    DOCUMENTS.c.certified_us,
+    *(PLANS.c[each.name] for each in fields(PlanRecord) if each.name not in (*_OF_DOCUMENTS, "priority")),
+    *(DOCUMENTS.c[name] for name in _OF_DOCUMENTS),
     sa.func.coalesce(PLANS.c.priority, 0).label("priority"),
 ]
 _RECORDS = sa.select(*_COLUMNS).select_from(PLANS.outerjoin(DOCUMENTS, DOCUMENTS.c.plan_id == PLANS.c.id))
@@ -666,7 +674,12 @@ def stored_key(idempotency_key: str | None, owner: str | None) -> str | None:
 
 def _document(plan_id: str, document: PackedDocument) -> sa.Insert:
     """Return what stores a document, with values to be added."""
-    packed = {"outcome": document.outcome, "sha256": document.sha256, "gzip": document.gzip}
+    packed = {
+        "outcome": document.outcome,
+        "sha256": document.sha256,
+        "gzip": document.gzip,
+        "physics": document.physics,
+    }
     return sa.insert(DOCUMENTS).values(plan_id=plan_id, **packed)
 
 

@@ -109,7 +109,9 @@ DOCUMENTS = sa.Table(
     sa.Column("gzip", sa.LargeBinary, nullable=False),
     sa.Column("certified_us", sa.BigInteger),
     sa.Column("awaits_simulation", sa.Boolean, nullable=False, server_default=sa.false()),
+    sa.Column("physics", StoredText(32)),
     sa.Index("liftwright_documents_outcome", "outcome"),
+    sa.Index("liftwright_documents_physics", "physics"),
 )
 
 MESHES = sa.Table(

@@ -116,6 +116,7 @@ def message(plan: PlanRecord, happened: str, state: JobState, outcome: str | Non
                 "external_id": plan.external_id,
                 "state": state.value,
                 "outcome": outcome,
+                "physics": plan.physics,
                 "links": {"self": f"/v1/plans/{plan.id}"},
             },
         }

@@ -532,8 +532,9 @@ function nothingListed() {
 
 function listItem(plan) {
   const status = plan.outcome ?? plan.state;
-  const words = plan.done ? status.replace("_", " ") : progressOf(plan);
-  const item = element("li", { className: plan.done ? status : startOf(plan) ? "waiting" : "running", tabIndex: 0 },
+  const fails = plan.physics === "failed";
+  const words = plan.done ? `${status.replace("_", " ")}${fails ? ", failed in physics" : ""}` : progressOf(plan);
+  const item = element("li", { className: plan.done ? (fails ? "failed" : status) : startOf(plan) ? "waiting" : "running", tabIndex: 0 },
     element("span", { className: "dot" }), element("b", { textContent: nameOf(plan), title: nameOf(plan) }),
     element("small", { textContent: `${words} · ${clockTime(plan.created_at)}` }),
     ...(plan.work_master ? [element("small", { textContent: `part ${plan.work_master}` })] : []),
