@@ -4,9 +4,9 @@ Parent to child, on stdin: one request `{"id", "task", "meshes", "cell_folder"}`
 means the parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
 `{"document": [outcome, sha256, size, stages, physics]}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
-Then the child is ready for the next request, and says so, or it ends. What is certified, and still to be simulated or to
-be given remedies, is sent in between, as a document is, but as `{"certified": …}`; or at the end, if the request says
-`until_certified`. A request may bring it back as `certified`: then what it lacks is added, and nothing is planned.
+Then the child is ready for the next request, and says so, or it ends. What is certified, and still to be simulated or
+to be given remedies, is sent in between, as a document is, but as `{"certified": …}`; or at the end, if the request
+says `until_certified`. A request may bring it back as `certified`: then what it lacks is added, and nothing is planned.
 
 A process that examines points of studies is asked `{"study", "points", "meshes", "cell_folder"}`, answers with
 `{"point": …}` for each, then with `{"examined": true}`, and waits for the next request. One that keeps the graph of a
