@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TypeVar
 
@@ -52,6 +52,10 @@ class TaskChange:
     Empty: it is the only one of its way."""
     size: float = 0.0
     """How large it is beside others of its kind, in the unit of that kind."""
+    none: float = 0.0
+    """The size at which nothing would be changed, or so little as is known not to help."""
+    of_size: Callable[[float], TaskChange] | None = field(default=None, compare=False)
+    """Makes one of the same way that is about so large; None: only some sizes are worth asking."""
 
     def then(self, other: TaskChange) -> TaskChange:
         """Return this change and another one after it, as one."""

@@ -43,6 +43,10 @@ LESS_IS_DONE = ("object_aside",)
 """Kinds of changes with which less of the task is done: they keep nobody from looking for others."""
 CAPACITY = "capacity"
 """Where causes are that a closed bound proves: how much hands and cup bear at all."""
+MOST_HALVINGS = 2
+"""How often the way from what did not help to what did is halved, to tell less of a change that costs something ..."""
+LESS = 0.05
+"""... as long as that may save such a share of its size [1]."""
 BETTER = 1.25
 """A larger change is told beside a smaller one of its way where so many times the reserve is kept back, or the largest
 force is so many times less [1]."""
@@ -90,14 +94,15 @@ def find_remedies(
         What helps, the kinds in their order, and of each kind the smallest change first, as `worth_telling` leaves it.
     """
     searches = [_OfKind(each) for each in changes]
-    while open_kinds := [each for each in searches if not each.ended]:
-        for each in open_kinds:
-            others_help = any(other.helps for other in searches if other is not each)
-            each.try_next(attempt, task, effort, progress, others_help=others_help)
-            told = worth_telling(search.found for search in searches)
-            if len(told) >= most:
-                return told[:most]
-    return worth_telling(search.found for search in searches)
+    open_kinds = searches
+    while open_kinds and len(worth_telling(each.found for each in searches)) < most:
+        each = open_kinds[0]
+        others_help = any(other.helps for other in searches if other is not each)
+        each.try_next(attempt, task, effort, progress, others_help=others_help)
+        open_kinds = [*open_kinds[1:], *([] if each.ended else [each])]
+    for each in searches:
+        each.make_less(attempt, task, effort, progress)
+    return worth_telling(search.found for search in searches)[:most]
 
 
 def worth_telling(kinds: Iterable[Sequence[tuple[TaskChange, Remedy]]]) -> list[Remedy]:
@@ -223,6 +228,29 @@ class _OfKind:
         enough = len(worth_telling([self.found])) >= MOST_OF_A_KIND or self._tries >= MOST_TRIES
         # Where no step is left, only what is known is told.
         self.ended = last or enough or (others_help and self._in_vain >= MOST_IN_VAIN)
+
+    def make_less(
+        self, attempt: Callable[[AnyTask], Plan | None], task: AnyTask, effort: Effort, progress: Progress
+    ) -> None:
+        """Look between what did not help and the smallest change that did, where sizes are anything."""
+        for way in dict.fromkeys(change.way for change, _ in self.found):
+            for _ in range(MOST_HALVINGS):
+                helping = [change for change, _ in self.found if change.way == way]
+                least = min(helping, key=lambda change: change.size)
+                known = max(self._in_vain_up_to.get(way, -math.inf), *(change.none for change in helping))
+                if effort.ended or least.of_size is None or 0.5 * (least.size - known) < LESS * least.size:
+                    break
+                between = least.of_size(0.5 * (known + least.size))
+                changed = between.applied(task)
+                if changed is None or not known < between.size < least.size:
+                    break
+                effort.trying = between.kind
+                progress(effort.report())
+                plan = attempt(changed)
+                if plan is not None:
+                    self.found.append((between, _remedy(between, plan)))
+                elif not effort.ended:
+                    self._in_vain_up_to[way] = between.size
 
     def _is_known(self, change: TaskChange) -> bool:
         """Whether planning a change would tell nothing new."""

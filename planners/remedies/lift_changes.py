@@ -365,7 +365,9 @@ class LiftChanges:
                 known = middle
         # A way of held poses may still be none for the arms.
         more = (least, math.ceil(1.5 * least), 2 * least)
-        yield from (self._stronger(steps) for steps in dict.fromkeys(more) if steps <= self._steps_of_lifter)
+        too_little = self._stronger(known).size
+        stronger = (self._stronger(steps) for steps in dict.fromkeys(more) if steps <= self._steps_of_lifter)
+        yield from (replace(change, none=too_little) for change in stronger)
 
     @property
     def _most_force_steps(self) -> int:
@@ -387,9 +389,15 @@ class LiftChanges:
 
     def _stronger(self, steps: int) -> TaskChange:
         stated = self.task.cup.max_force
-        force = round((math.floor(stated / _FORCE_STEP) + steps) * _FORCE_STEP, 3)
+        whole = math.floor(stated / _FORCE_STEP)
+        force = round((whole + steps) * _FORCE_STEP, 3)
+
+        def of(force: float) -> TaskChange:
+            return self._stronger(round(force / _FORCE_STEP) - whole)
+
         sentence = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
-        return TaskChange("cup_force", sentence, (put("/cup/max_force", force),), "stronger", force)
+        steps_of_patch = (put("/cup/max_force", force),)
+        return TaskChange("cup_force", sentence, steps_of_patch, "stronger", force, stated, of)
 
     def _cup_place(self) -> Iterator[TaskChange | None]:
         yield from self._of(self._cup_places(), forces=True)

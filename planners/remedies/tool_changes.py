@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from pydantic import JsonValue
@@ -276,8 +277,13 @@ class ToolChanges:
         assert each.mass is not None
         mass = math.floor(100.0 * mass) / 100.0
         sentence = f"Make {each.name} lighter, or move it in parts: {mass:g} kg instead of {each.mass:g} kg."
-        less = each.mass - mass
-        return TaskChange("mass", sentence, (put(f"/objects/{index}/mass", mass),), each.name, less)
+        stated = each.mass
+
+        def of(size: float) -> TaskChange:
+            return self._of_mass(index, each, stated - size)
+
+        steps = (put(f"/objects/{index}/mass", mass),)
+        return TaskChange("mass", sentence, steps, each.name, stated - mass, of_size=of)
 
     # Obstacles.
 
@@ -396,11 +402,7 @@ class ToolChanges:
         tool = self._description()
         if tool is None:
             return
-        stated = tool.cup.max_force
-        for more in _STRONGER:
-            force = round(more * stated, 1)
-            told = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
-            yield from self._of([_other_cup(tool, "cup_force", told, {"max_force": force}, "stronger", more)])
+        yield from self._of(_stronger_cup(tool, more * tool.cup.max_force) for more in _STRONGER)
 
     def _cup_radius(self) -> Iterator[TaskChange]:
         tool = self._description()
@@ -453,7 +455,12 @@ class ToolChanges:
     def _pressing(self, force: float) -> TaskChange:
         stated = self.task.grip_force_limit
         sentence = f"Let a finger press with up to {force:g} N instead of {stated:g} N."
-        return TaskChange("hand_limits", sentence, (put("/grip_force_limit", force),), "press", force - stated)
+        more = force - stated
+
+        def of(size: float) -> TaskChange:
+            return self._pressing(float(math.ceil(stated + size)))
+
+        return TaskChange("hand_limits", sentence, (put("/grip_force_limit", force),), "press", more, of_size=of)
 
 
 def _is_short_of_squeeze(cause: Cause) -> bool:
@@ -475,6 +482,14 @@ def _merged(stated: JsonValue, one: JsonValue, other: JsonValue) -> JsonValue:
         if len(stated) == len(one) == len(other):
             return [_merged(*each) for each in zip(stated, one, other, strict=True)]
     return one if other == stated else other
+
+
+def _stronger_cup(tool: CustomTool, force: float) -> TaskChange:
+    """Give a tool a cup that pulls with a force [N], to a tenth of a newton."""
+    stated, force = tool.cup.max_force, round(force, 1)
+    told = f"Use a cup, or a vacuum, that pulls with {force:g} N instead of {stated:g} N."
+    change = _other_cup(tool, "cup_force", told, {"max_force": force}, "stronger", force)
+    return replace(change, none=stated, of_size=partial(_stronger_cup, tool))
 
 
 def _other_cup(

@@ -23,6 +23,8 @@ from planners.planning import TaskSolver
 from planners.progress import Report, silent
 from planners.remedies.change import WORK, Effort, TaskChange, more_kept_back, put
 from planners.remedies.find_remedies import (
+    LESS,
+    MOST_HALVINGS,
     MOST_IN_VAIN,
     MOST_OF_A_KIND,
     MOST_REMEDIES,
@@ -319,6 +321,35 @@ def test_what_does_less_than_what_was_planned_in_vain_is_not_planned(a_plan: Pla
     # Where the larger one helps, the smaller one is planned, and told if it helps, too.
     fine = {31.0, 40.0}
     assert [each.sentence for each in found(kinds, helps, a_plan)] == ["31 N."]
+
+
+def of_any_size(newtons: float, none: float = 20.0) -> TaskChange:
+    return replace(force(newtons), way="up", size=newtons, none=none, of_size=of_any_size)
+
+
+@pytest.mark.parametrize("enough", [20.5, 24.9, 30.0, 33.3, 40.0])
+def test_a_change_that_costs_something_is_told_no_larger_than_about_what_it_takes(a_plan: Plan, enough: float) -> None:
+    """Within a part of the way from what did not help, or changes nothing; what was in vain is not planned again."""
+    planned = list[float]()
+
+    def helps(newtons: float) -> bool:
+        planned.append(newtons)
+        return newtons >= enough
+
+    told = found([[of_any_size(30.0), of_any_size(40.0)]], helps, a_plan)
+    known = max([20.0, *(newtons for newtons in planned if newtons < enough)])
+    assert [remedy.sentence for remedy in told] == [f"{min(each for each in planned if each >= enough):g} N."]
+    assert len(planned) == len(set(planned)) <= 2 + MOST_HALVINGS
+    least, first = min(each for each in planned if each >= enough), 30.0 if enough <= 30.0 else 40.0
+    assert known < enough <= least
+    begin = 20.0 if enough <= 30.0 else 30.0
+    assert least - known <= max((first - begin) / 2**MOST_HALVINGS, 2 * LESS * least)
+
+
+def test_nothing_smaller_is_planned_where_no_step_is_left_or_none_can_be(a_plan: Plan) -> None:
+    assert [each.sentence for each in found([[of_any_size(40.0)]], lambda _: True, a_plan, steps=6)] == ["40 N."]
+    known = of_any_size(40.0, none=39.0)
+    assert [each.sentence for each in found([[known]], lambda _: True, a_plan)] == ["40 N."]
 
 
 def test_the_search_ends_with_its_steps(a_plan: Plan) -> None:
