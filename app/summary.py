@@ -11,13 +11,14 @@ from planners.contract.task_spec import PlateLiftTask
 from planners.geometry import polygon
 from planners.geometry.pose import from_pose7
 from planners.geometry.sides import told_side
+from planners.graph.rejections import CAPACITY
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.segment import ContactState
 from planners.plan.simulation import LiftSimulation, ToolSimulation, failure_of
 from planners.plan.verdicts import Cause, LeastReserve, Remedy, shortage_words
 
-PLANNING_STEPS = frozenset({"balance", "capacity", "clearance", "grasp", "reach", "transfer", "transit", "torque"})
+PLANNING_STEPS = frozenset({"balance", CAPACITY, "clearance", "grasp", "reach", "transfer", "transit", "torque"})
 """Steps of planning, which a cause has as its place where it has no other: they tell nobody much."""
 _ROUNDING = 1e-6
 """A share that is less than a tenth of a per cent by less counts as that tenth, in tenths [1]."""

@@ -36,7 +36,6 @@ from app.viewer.drawing.cup_map import cup_places, is_of_study
 from app.viewer.drawing.link_meshes import FULL, Detail, LinkMeshes
 from app.viewer.drawing.perceived_scene import SceneDrawing
 from app.viewer.drawing.plan_scene import PlanScene
-from app.viewer.editor.draft import DEFAULT_CELLS
 from app.viewer.editor.draft_scene import DraftListener, DraftScene
 from app.viewer.page import RecordedScene, describe_plan, recorded_page
 from app.viewer.playback import Playback, SourceName
@@ -44,6 +43,7 @@ from app.work.wanted import StillWanted
 from app.work.workbench import Workbench
 from planners.cell.cell import Cell
 from planners.contract.scene_document import SceneDocument
+from planners.contract.task_spec import DEFAULT_CELLS
 from planners.geometry.pose import Array
 from planners.perception.seen_points import SeenPoints
 from planners.plan.plan import Plan

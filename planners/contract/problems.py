@@ -27,6 +27,8 @@ DENSEST = 23e3
 """A little more than osmium's, the densest metal's [kg/m³]."""
 PAD_BEYOND = 5e-3
 """By which a pad may reach beyond its tool's shapes: a lip is soft, and spreads [m]."""
+APART = 5e-3
+"""A shape of a tool that is farther from all others is not joined to them: models are seldom exact [m]."""
 _TOOL: TypeAdapter[CustomTool] = TypeAdapter(CustomTool)
 _MASS: TypeAdapter[float] = TypeAdapter(Mass)
 _PLAIN_SHAPE: TypeAdapter[Box | Cylinder | Prism] = TypeAdapter(
@@ -175,7 +177,7 @@ def _parts_apart(tool: CustomTool) -> list[tuple[int, float]]:
     while boxes:
         gaps = {number: min(_box_gap(box, other) for other in joined) for number, box in boxes.items()}
         nearest = min(gaps, key=lambda number: gaps[number])
-        if gaps[nearest] > PAD_BEYOND:
+        if gaps[nearest] > APART:
             return sorted(gaps.items())
         joined.append(boxes.pop(nearest))
     return []
@@ -283,7 +285,7 @@ def _quoted(text: str) -> list[str]:
 _SENTENCES = {
     "missing": "is required",
     "extra_forbidden": "is not known here",
-    "float_type": "must be a number; strings and booleans are not numbers",
+    "float_type": "must be a number, and a finite one; strings and booleans are none",
     "int_type": "must be a whole number; strings and booleans are not numbers",
     "float_parsing": "must be a number",
     "int_parsing": "must be a whole number",

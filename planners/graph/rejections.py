@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from planners.errors import LiftwrightError
 from planners.plan.verdicts import is_shortage
 
+CAPACITY = "capacity"
+"""The stage of what a closed bound proves: how much hands and cup bear at all, and what fits at all."""
 _ROUNDING = 1e-9
 """Share of what is needed below which a shortage is none [1]."""
 

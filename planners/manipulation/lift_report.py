@@ -15,7 +15,7 @@ from planners.balance.capacity import LiftCapacity
 from planners.balance.relaxed_balance import least_force
 from planners.cell.arm_span import OutOfReach
 from planners.contract.task_spec import HandForceLimit
-from planners.graph.rejections import Rejection, Rejections
+from planners.graph.rejections import CAPACITY, Rejection, Rejections
 from planners.graph.search import ALIVE, DEAD, UNKNOWN, GraphPath
 from planners.manipulation.graph.node_examiner import hands_of
 from planners.manipulation.lift_plan import LiftPlan, SequenceStep
@@ -91,7 +91,7 @@ def too_heavy(
     borne = _borne_beyond_limits(sampling.scene, capacity)
     less = "" if borne is None else f"; {_limits_told(sampling.scene, borne)}"
     cause = Rejection(
-        "capacity",
+        CAPACITY,
         f"The plate is too heavy: the cup can carry at most {capacity.cup:.1f} N{sloping}, the gripper "
         f"{capacity.gripper:.1f} N and the stick {capacity.pusher:.1f} N of its weight{less}",
         needed=capacity.needed,
@@ -173,7 +173,7 @@ def too_thick(sampling: LiftSampling, rejections: Rejections) -> LiftPlan:
     """Report that the gripper does not open for the plate in any direction: a proof, as plans end gripped."""
     width, thickness = jaw_of(sampling.workcell).width_max, sampling.prism.height
     reason = "The gripper does not open wide enough for the plate"
-    cause = Rejection("capacity", reason, needed=thickness, available=width, unit="m")
+    cause = Rejection(CAPACITY, reason, needed=thickness, available=width, unit="m")
     summary = (
         f"The plate is {1e3 * thickness:.1f} mm thick; the gripper opens {1e3 * width:.1f} mm, "
         "and it cannot be gripped from side to side either."

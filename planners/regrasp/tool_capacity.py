@@ -12,7 +12,7 @@ from planners.cell.arm_span import ArmSpan, out_of_reach
 from planners.cell.hand import Gripper
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array
-from planners.graph.rejections import Rejection
+from planners.graph.rejections import CAPACITY, Rejection
 from planners.regrasp.statics.hold_statics import OVERLOADED
 from planners.regrasp.suction.suction_hold import CupStrength
 from planners.scene.body import Body
@@ -39,19 +39,19 @@ def impossibilities(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> 
     weight = gravity * (heaviest.body.mass or 0.0)
     lift = largest_lift(scene.tool.cup)
     if weight > lift:
-        yield Rejection("capacity", "The object is heavier than the cup bears.", heaviest.name, weight, lift, "N")
+        yield Rejection(CAPACITY, "The object is heavier than the cup bears.", heaviest.name, weight, lift, "N")
     weight += gravity * scene.tool.mass
     grip = largest_grip(scene.grip_force_limit, scene.friction.grip)
     if weight > grip:
         reason = "Tool and object are heavier than the fingers of a hand bear."
-        yield Rejection("capacity", reason, heaviest.name, weight, grip, "N")
+        yield Rejection(CAPACITY, reason, heaviest.name, weight, grip, "N")
     carry = max(scene.carry_force_limits.values())
     if weight > carry:
-        yield Rejection("capacity", OVERLOADED, heaviest.name, weight, carry, "N")
+        yield Rejection(CAPACITY, OVERLOADED, heaviest.name, weight, carry, "N")
     width = min(least_width(part) for part in scene.tool.body.solid.convex_parts)
     opening = max(arm.hand.width_max for arm in scene.cell.arms.values() if isinstance(arm.hand, Gripper))
     if width > opening:
-        yield Rejection("capacity", "The tool is thicker all over than a gripper opens.", "tool", width, opening, "m")
+        yield Rejection(CAPACITY, "The tool is thicker all over than a gripper opens.", "tool", width, opening, "m")
     yield from _out_of_reach(scene, to_move)
 
 

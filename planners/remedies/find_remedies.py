@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 
+from planners.graph.rejections import CAPACITY
 from planners.plan.loads import largest_load
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Cause, PlanningOutcome, Remedy
@@ -41,8 +42,6 @@ MOST_IN_VAIN = 2
 """... and of those that are planned in vain where another kind helps."""
 LESS_IS_DONE = ("object_aside",)
 """Kinds of changes with which less of the task is done: they keep nobody from looking for others."""
-CAPACITY = "capacity"
-"""Where causes are that a closed bound proves: how much hands and cup bear at all."""
 MOST_HALVINGS = 2
 """How often the way from what did not help to what did is halved, to tell less of a change that costs something ..."""
 LESS = 0.05

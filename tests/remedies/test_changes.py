@@ -18,12 +18,13 @@ from planners import read_task, solve
 from planners.cell.cell import load_cell
 from planners.contract.task_spec import Obstacle, PlateLiftTask, SuctionToolTask
 from planners.geometry.pose import from_pose7
+from planners.graph.rejections import CAPACITY
 from planners.manipulation.lift_attempts import NOT_WITHIN_TOLERANCES
 from planners.manipulation.lift_settings import LiftSettings
 from planners.plan.verdicts import Cause, PlanningOutcome, Remedy
 from planners.progress import silent
 from planners.remedies.change import Effort, TaskChange, obstacle_out_of_the_way, put, told_cup_place
-from planners.remedies.find_remedies import CAPACITY, in_vain, why_none, with_cup_at
+from planners.remedies.find_remedies import in_vain, why_none, with_cup_at
 from planners.remedies.kinds import KINDS
 from planners.remedies.lift_changes import LiftChanges
 from planners.remedies.tool_changes import ToolChanges

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from planners.cell.cell import Cell
 from planners.contract.quantities import Length, Name, Point2, Pose
 from planners.contract.shapes import Box, Cylinder, InlineMesh, Mesh, Prism, Shape
-from planners.contract.task_spec import CustomTool, PlateLiftTask, SuctionToolTask
+from planners.contract.task_spec import DEFAULT_CELLS, CustomTool, SuctionToolTask
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, from_pose7
 from planners.scene.body import Role
@@ -26,11 +26,6 @@ POSE: TypeAdapter[tuple[float, ...]] = TypeAdapter(Pose)
 PLACE: TypeAdapter[tuple[float, float]] = TypeAdapter(Point2)
 LENGTH: TypeAdapter[float] = TypeAdapter(Length)
 TOOL: TypeAdapter[str | CustomTool] = TypeAdapter(Name | CustomTool)
-DEFAULT_CELLS = {
-    "plate_lift": PlateLiftTask.model_fields["cell"].default,
-    "suction_tool": SuctionToolTask.model_fields["cell"].default,
-}
-"""By kind of task."""
 DEFAULT_TOOL = SuctionToolTask.model_fields["tool"].default
 PLATE, SUPPORT, CUP, TOOL_POSE = "/plate_pose", "/support/pose", "/cup/position", "/tool_pose"
 """Pointers by which things are known: the member that says where a thing is."""

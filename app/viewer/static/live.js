@@ -489,7 +489,9 @@ function progressOf(plan) {
     const begins = seconds > 0 ? `, begins in about ${seconds < 90 ? `${seconds} s` : `${Math.round(seconds / 60)} min`}` : "";
     return `waiting, ${ordinal(plan.queue_position)} in the queue${begins}`;
   }
-  return `${plan.state} ${Math.round(100 * plan.progress.fraction)} %`;
+  const done = `${Math.round(100 * plan.progress.fraction)} %`;
+  if (!plan.verdict) return `${plan.state} ${done}`;
+  return plan.verdict === "solved" ? `solved, physics follows, ${done}` : `${plan.verdict.replace("_", " ")}, changes are tried, ${done}`;
 }
 
 /** When a job may begin, where that is yet to come. */
