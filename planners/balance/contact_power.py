@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planners.balance.contacts import Friction, HandLimits
+from planners.balance.contacts import Friction, HandLimits, StandingCones
 from planners.geometry.pose import Array
 
 _RELIEF_SHARES = np.array([0.0, 0.5, 1.0])
@@ -68,19 +68,19 @@ def push_power(twists: Array, levers: Array, normals: Array, friction: Friction,
     return np.maximum(0.0, np.where(on_arc, limits.push * speed, corners))
 
 
-def environment_power(twists: Array, levers: Array, ups: Array, friction: Friction, total_normal: float) -> Array:
-    """Return the most power (...) of what the plate stands on [W], with `levers` (..., k, 3) [m] and `ups` (..., 3).
+def environment_power(twists: Array, levers: Array, cones: StandingCones) -> Array:
+    """Return the most power (...) of what the plate stands on [W], with `levers` (..., k, 3) [m].
 
-    The normal forces of all points together are at most `total_normal` [N]; the best point takes all of it.
+    Of the bounds of the normal forces of all points together the best point takes all.
     """
     if levers.shape[-2] == 0:
-        return np.zeros(np.broadcast_shapes(twists.shape[:-1], ups.shape[:-1]))
+        return np.zeros(np.broadcast_shapes(twists.shape[:-1], cones.normals.shape[:-2]))
     velocities = point_velocity(twists[..., None, :], levers)
-    powers = _cone_power(velocities, ups[..., None, :], friction.environment, 0.0)
-    return total_normal * np.maximum(0.0, powers.max(axis=-1))
+    powers = cones.largest * _cone_power(velocities, cones.normals, cones.mu, 0.0)
+    return np.maximum(0.0, powers.max(axis=-1))
 
 
-def _cone_power(velocities: Array, normals: Array, mu: float, spins: Array | float) -> Array:
+def _cone_power(velocities: Array, normals: Array, mu: Array | float, spins: Array | float) -> Array:
     """Return the most power (...) per newton of normal force in a friction cone [W/N]; negative when none helps.
 
     Velocities and unit normals are (..., 3), in the same axes; `spins` (...) of soft fingers are times eps [m/s].

@@ -8,12 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from planners.contract.quantities import SOFT_FINGER_EPS
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array, Transform, transform
+
+UPWARD = np.array([0.0, 0.0, 1.0])
+"""Normal of the plate's bottom face, into the plate."""
+_SAME_POINT = 1e-6
+"""Points of a plate that are nearer to one another are one [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +156,49 @@ class HandLimits:
         """Return the limits with that share kept back; what is commanded, squeeze and least push, stays [1]."""
         left = 1.0 - reserve
         return replace(self, normal=left * self.normal, grip=left * self.grip, push=left * self.push)
+
+
+class StandingCones(NamedTuple):
+    """Friction cones of what a plate stands on, at points of it; leading axes broadcast."""
+
+    normals: Array
+    """(..., k or 1, 3) unit, plate axes; zero where nothing is borne."""
+    mu: Array | float
+    """(..., k) or of all points [1]."""
+    largest: Array | float
+    """(..., k) or of all points: bound of the normal forces of all points together [N]."""
+
+
+def standing_cones(points: Array, ups: Array, rim: Array, mu: float, largest: float) -> StandingCones:
+    """Return the cones in which the forces are that what a plate stands on exerts for sure.
+
+    At a rim nobody knows which edge bears: that of the plate on the surface, with the surface's normal, or, once the
+    plate stands a little beyond it, that of the surface on the plate's bottom face, with the plate's normal. What both
+    can exert is around the middle between the normals; of that the largest circular cone is taken.
+
+    Args:
+        points: (..., k, 3) where the plate stands, plate axes [m].
+        ups: (..., 3) unit, world +z in plate axes.
+        rim: (m, 2) points of the plate's bottom face that stand at the rim, plate axes [m].
+        mu: friction of plate and surface [1].
+        largest: bound of all vertical forces together [N].
+    """
+    normals = ups[..., None, :]
+    if not len(rim):
+        return StandingCones(normals, mu, largest)
+    on_rim = (np.abs(points[..., None, :2] - rim).max(axis=-1) <= _SAME_POINT).any(axis=-1)
+    half = 0.5 * np.arctan2(np.hypot(normals[..., 0], normals[..., 1]), normals[..., 2])
+    left = np.arctan(mu) - half
+    middle = normals + UPWARD
+    middle /= np.linalg.norm(middle, axis=-1, keepdims=True)
+    middle *= (left >= 0.0)[..., None]
+    cone = np.where(half > 0.0, np.tan(np.maximum(0.0, left)), mu)
+    # No force is longer than its vertical part lets it be.
+    return StandingCones(
+        np.where(on_rim[..., None], middle, normals),
+        np.where(on_rim, cone, mu),
+        np.where(on_rim, np.hypot(1.0, mu), 1.0) * largest,
+    )
 
 
 def contact_axes(normal: Array) -> Array:

@@ -79,9 +79,8 @@ class TwistTable:
         velocities = point_velocity(twists, self._cup_lever)
         power += balance.lifter.largest_power(velocities, twists[:, 3:], self._ups)
         for members, levers in self._groups:
-            power[members] += environment_power(
-                twists[members], levers, self._ups[members], balance.friction, balance.environment_bound
-            )
+            cones = balance.cones(levers + balance.com, self._ups[members])
+            power[members] += environment_power(twists[members], levers, cones)
         return power
 
 

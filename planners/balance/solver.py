@@ -22,7 +22,16 @@ from planners.balance.cone_program import (
     move_to_balance,
 )
 from planners.balance.contact_power import environment_power, grip_power, point_velocity, push_power
-from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact, contact_axes
+from planners.balance.contacts import (
+    Cup,
+    Friction,
+    GripContacts,
+    HandLimits,
+    PushContact,
+    StandingCones,
+    contact_axes,
+    standing_cones,
+)
 from planners.balance.lifter import lifter_of
 from planners.balance.uncertainty import Uncertainty
 from planners.contract.task_spec import LifterModel
@@ -80,7 +89,7 @@ class Balance:
         self.lifter = lifter_of(lifter_model, cup)
         self.environment_bound = largest_environment_normal(self.weight, self.lifter, self.friction, self.limits)
         self.uncertainty = Uncertainty()
-        self._gravity = gravity
+        self._gravity, self._rim = gravity, np.zeros((0, 2))
         self._lifter_model: LifterModel = lifter_model
         self._fingers = Fingers.of(self.limits.squeeze)
         self._templates: dict[Structure, Template] = {}
@@ -107,11 +116,21 @@ class Balance:
             self._lifter_model,
             self._gravity,
         )
+        program._rim = self._rim
         if program.limits.squeeze == self.limits.squeeze and program.friction.eps == self.friction.eps:
             program._hand_maps = self._hand_maps
-        if np.array_equal(program.cup.T_plate_cup, self.cup.T_plate_cup) and program.cup.radius == self.cup.radius:
+        same_cup = np.array_equal(program.cup.T_plate_cup, self.cup.T_plate_cup)
+        # At a rim the axes of a point's force hold its friction.
+        same_axes = not len(self._rim) or program.friction.environment == self.friction.environment
+        if same_cup and same_axes and program.cup.radius == self.cup.radius:
             program._rest_maps = self._rest_maps
         return program.for_all(self.uncertainty)
+
+    def with_rim(self, rim: Array) -> Balance:
+        """Return the program of the plate where points of its bottom face (m, 2) stand at a rim [m, plate axes]."""
+        program = copy(self)
+        program._rim, program._rest_maps = rim, {}
+        return program
 
     def for_all(self, uncertainty: Uncertainty) -> Balance:
         """Return the program whose proofs and `refusal` are about all plates within the tolerances."""
@@ -208,7 +227,23 @@ class Balance:
         rotation = np.asarray(rotation, dtype=float)
         up, gravity = rotation[2].copy(), np.zeros(6)
         gravity[:3] = -self.weight * up
-        return _Contacts(rotation, np.asarray(points, dtype=float).reshape(-1, 3), grip, push, up, gravity)
+        points = np.asarray(points, dtype=float).reshape(-1, 3)
+        axes = np.broadcast_to(contact_axes(up), (len(points), 3, 3))
+        if len(self._rim) and len(points):
+            axes = self._axes_at_rim(self.cones(points, up))
+        return _Contacts(rotation, points, grip, push, up, axes, gravity)
+
+    def cones(self, points: Array, ups: Array) -> StandingCones:
+        """Return the cones of what the plate stands on at points (..., k, 3) of it [m], with `ups` (..., 3)."""
+        return standing_cones(points, ups, self._rim, self.friction.environment, self.environment_bound)
+
+    def _axes_at_rim(self, cones: StandingCones) -> Array:
+        """Return columns (k, 3, 3) that take a force in a cone of the friction of all points to one of its point."""
+        axes = np.zeros((len(cones.normals), 3, 3))
+        shares = np.asarray(cones.mu) / self.friction.environment
+        for point in np.flatnonzero(cones.normals.any(axis=1)):
+            axes[point] = contact_axes(cones.normals[point]) * [shares[point], shares[point], 1.0]
+        return axes
 
     def _attempt(
         self, contacts: _Contacts, contact_map: Array, squeezed: Array, manner: Manner
@@ -262,7 +297,7 @@ class Balance:
         if known is None:
             blocks = [_PER_LENGTH @ self._cup_map @ self.lifter.contact_map(contacts.up)]
             if len(contacts.points):
-                blocks.insert(0, _PER_LENGTH @ _force_maps(contact_axes(contacts.up), contacts.points - self.com))
+                blocks.insert(0, _PER_LENGTH @ _force_maps(contacts.axes, contacts.points - self.com))
             known = self._rest_maps[key] = np.concatenate(blocks, axis=1)
         return known
 
@@ -308,6 +343,10 @@ class Balance:
         points = [*([columns.push] if columns.push else []), *columns.environment]
         for row, point in enumerate(points, start=fingers):
             wrenches[row, :3] = x[point]
+        if len(self._rim) and len(contacts.points):
+            standing = np.array([x[point] for point in columns.environment])
+            forces = np.einsum("kij,kj->ki", contacts.axes, standing)
+            wrenches[-1 - len(standing) : -1, :3] = forces @ contact_axes(contacts.up)
         wrenches[-1] = self.lifter.contact_map(contacts.up) @ x[columns.lifter]
         return wrenches
 
@@ -323,7 +362,7 @@ class Balance:
         levers = contacts.points - self.com
         cup = point_velocity(twist, self.cup.T_plate_cup[:3, 3] - self.com)
         power = float(twist @ contacts.gravity)
-        power += float(environment_power(twist, levers, up, self.friction, self.environment_bound))
+        power += float(environment_power(twist, levers, self.cones(contacts.points, up)))
         power += float(self.lifter.largest_power(cup, twist[3:], up))
         if contacts.grip is not None:
             levers, normals = contacts.grip.points - self.com, contacts.grip.normals
@@ -344,6 +383,8 @@ class _Contacts(NamedTuple):
 
     up: Array
     """World +z in plate axes: the normal of every environment contact."""
+    axes: Array
+    """(k, 3, 3) columns that take what the template has of the environment contacts to forces, plate axes."""
     gravity: Array
     """(6,) Omega_g of (5b), plate axes, about the stated centre of mass."""
 
@@ -382,9 +423,9 @@ def _proof_from_dual(balance_dual: Array, net_dual: Array) -> UnbalanceProof:
 
 
 def _force_maps(axes: Array, levers: Array) -> Array:
-    """Return the (6, 3k) that takes the forces of k point contacts with the same axes to wrenches."""
+    """Return the (6, 3k) that takes the forces of k point contacts with axes (k, 3, 3) to wrenches."""
     x, y, z = levers[:, 0], levers[:, 1], levers[:, 2]
     zero = np.zeros(len(levers))
     S = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]])
-    torques = np.einsum("ijk,jl->ikl", S, axes).reshape(3, -1)
-    return np.concatenate([np.tile(axes, len(levers)), torques])
+    torques = np.einsum("ijk,kjl->ikl", S, axes).reshape(3, -1)
+    return np.concatenate([axes.transpose(1, 0, 2).reshape(3, -1), torques])

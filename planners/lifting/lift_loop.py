@@ -43,6 +43,8 @@ def box_inertia(sides: Array, mass: float) -> Array:
 
 SERVO = 0.0035
 """Lag of the arms behind their commanded velocity [s]: a robot's servos at 500 Hz."""
+SERVO_DOUBTS = (0.0004, SERVO)
+"""Arms may follow almost at once, too: no loop may swing, as one would that relies on their lag [s]."""
 LIFTER_ACCELERATION = 0.5
 """Gains are compared by moves of a lifter that speeds up and brakes like this [m/s^2]."""
 MOVES = ((0.15, 0.15, 1.0), (0.2, 0.1, 0.5))
@@ -122,8 +124,15 @@ class LiftLoop:
     TOLD, STATES = 14, 17
     """Place in x of the velocity that the arms are told, and how many x has; the reading of a period ago comes next."""
 
-    def __init__(self, plate: HungPlate, period: float, stiffer: float = 1.0) -> None:
-        """Discretise for a period of the sensors [s], with contacts so much stiffer than they are said to be [1]."""
+    def __init__(self, plate: HungPlate, period: float, stiffer: float = 1.0, servo: float = SERVO) -> None:
+        """Discretise.
+
+        Args:
+            plate: as it hangs.
+            period: of the sensors [s].
+            stiffer: contacts are so much stiffer than they are said to be [1].
+            servo: lag of the arms behind their commanded velocity [s].
+        """
         up, hands, cup = plate.rising, stiffer * plate.hands, plate.cup
         damped, hung = plate.hands_damping_time * hands, plate.cup_damping_time * cup
         mobility = 1.0 / np.concatenate([np.full(3, plate.mass), plate.inertia])[:, None]
@@ -135,7 +144,7 @@ class LiftLoop:
         A[6:12, h], A[6:12, h + 1] = (mobility * hands) @ up, (mobility * damped) @ up
         A[6:12, lifter], A[6:12, lifter + 1] = (mobility * cup) @ up, (mobility * hung) @ up
         A[h, h + 1] = A[lifter, lifter + 1] = 1.0
-        A[h + 1, [h + 1, told]] = -1.0 / SERVO, 1.0 / SERVO
+        A[h + 1, [h + 1, told]] = -1.0 / servo, 1.0 / servo
         A[told, size] = A[lifter + 1, size + 1] = 1.0
         stepped = np.asarray(expm(A * period), dtype=float)
         self._step, self._accelerated = stepped[:size, :size], stepped[:size, size:]
@@ -266,8 +275,8 @@ def design_gains(plate: HungPlate, felt_mass: float, cup_force: float) -> Follow
     """Return the gains with which the hands follow best of all that stay away from swinging.
 
     They follow from plate, hands, cup and sensor, and from no lifter. The first of those that follow best for which no
-    motion grows, with `GAIN_MARGIN`, and with contacts that are stiffer or softer than they are said to be, and whose
-    hands keep still at the sensors' noise.
+    motion grows, with `GAIN_MARGIN`, and with contacts that are stiffer or softer than they are said to be, whatever
+    the lag of the arms, and whose hands keep still at the sensors' noise.
 
     Args:
         plate: as it hangs.
@@ -275,11 +284,15 @@ def design_gains(plate: HungPlate, felt_mass: float, cup_force: float) -> Follow
         cup_force: largest force of the cup [N].
     """
     usual = FollowerGains()
-    loops = [LiftLoop(plate, usual.period, stiffer) for stiffer in STIFFNESS_DOUBTS]
-    said = loops[STIFFNESS_DOUBTS.index(1.0)]
+    doubts = {
+        (stiffer, servo): LiftLoop(plate, usual.period, stiffer, servo)
+        for stiffer, servo in itertools.product(STIFFNESS_DOUBTS, SERVO_DOUBTS)
+    }
+    said = doubts[1.0, SERVO]
 
     def worst_growth(gains: FollowerGains) -> float:
-        return max(said.growth(gains, GAIN_MARGIN), *(loop.growth(gains) for loop in loops))
+        with_margin = [doubts[1.0, servo].growth(gains, GAIN_MARGIN) for servo in SERVO_DOUBTS]
+        return max(*with_margin, *(loop.growth(gains) for loop in doubts.values()))
 
     candidates = list(_candidates(usual, felt_mass, cup_force))
     sharpest_first = [candidates[number] for number in np.argsort(said.deviations(candidates), kind="stable")]

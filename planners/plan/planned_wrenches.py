@@ -43,12 +43,12 @@ def told_wrenches(segments: Sequence[Segment], planned: Array) -> Array:
     borders: NDArray[np.int64] = np.cumsum([len(segment.time) for segment in segments])[:-1]
     result = planned.copy()
     for segment, border in zip(segments, borders, strict=False):
+        # Who touches nothing bears nothing: a hand that leaves has given all of it over by then.
+        jump = np.nan_to_num(planned[border]) - np.nan_to_num(planned[border - 1])
         if segment.kind in (SegmentKind.GRIP, SegmentKind.APPROACH):
-            jump = np.nan_to_num(planned[border]) - np.nan_to_num(planned[border - 1])
             left = np.clip(1.0 - (time[border:] - time[border]) / LEAD, 0.0, 1.0)
             result[border:] -= left[:, None] * jump
             continue
-        jump = np.nan_to_num(planned[border] - planned[border - 1])
         part = np.clip((time[:border] - (time[border] - LEAD)) / LEAD, 0.0, 1.0)
         result[:border] += part[:, None] * jump
     return result

@@ -49,6 +49,8 @@ from planners.scene.placements import (
 from planners.scene.rest import LevelFace, upper_surface
 from planners.scene.shape_source import ShapeSource, Uploads
 
+RIM = 1e-3
+"""So far things lie from where a task has them, as it is: whatever stands nearer to a rim may stand beyond it [m]."""
 FINGER_GAP = 0.008
 """Between each pad and the plate while the gripper is open around it, in a cell of size 1 [m]: fully open fingers would
 need more room under a tilted plate."""
@@ -97,14 +99,31 @@ class PlateLiftScene:
     @property
     def surface_beyond(self) -> float:
         """How far what the plate lies on reaches beyond it, at the side where that is least [m]."""
+        corners = self._corners
+        middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+        outline = self._outline_below
+        return math.inf if outline is None else max(0.0, float(polygon.depth_inside(outline, middles).min()))
+
+    @property
+    def at_the_rim(self) -> Array:
+        """Corners of the plate (m, 2) that lie within `RIM` of the rim of what it lies on, plate axes [m]."""
+        outline = self._outline_below
+        if outline is None:
+            return self.plate.outline[:0]
+        return self.plate.outline[polygon.depth_inside(outline, self._corners) <= RIM]
+
+    @property
+    def _corners(self) -> Array:
+        """Of the plate's outline where it lies, (n, 2) in the world [m]."""
+        return self.plate.outline @ self.T_world_plate[:2, :2].T + self.T_world_plate[:2, 3]
+
+    @property
+    def _outline_below(self) -> Array | None:
+        """Outline of what the plate lies on, (n, 2) in the world [m]; None: it has no level face."""
         top = box_top(self.cell.boxes[0])
         if self.support is not None and self.support_name == "support":
             top = upper_surface("support", self.support.solid, self.support.T_world_body)
-        if top is None:
-            return math.inf
-        corners = self.plate.outline @ self.T_world_plate[:2, :2].T + self.T_world_plate[:2, 3]
-        middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
-        return max(0.0, float(polygon.depth_inside(top.outline, middles).min()))
+        return None if top is None else top.outline
 
     def bodies(self) -> tuple[Body, ...]:
         """Return the bodies the task brings: plate, support if any, cup, cable, obstacles."""

@@ -28,7 +28,7 @@ def balance_program(scene: PlateLiftScene, cup_reserve: float = 0.0, reserve: fl
         hand_force_limit(scene),
         scene.lifter_model,
         float(-scene.cell.gravity[2]),
-    )
+    ).with_rim(scene.at_the_rim)
     return keeping_back(stated, cup_reserve, reserve)
 
 
