@@ -227,19 +227,20 @@ class Balance:
         rotation = np.asarray(rotation, dtype=float)
         up, gravity = rotation[2].copy(), np.zeros(6)
         gravity[:3] = -self.weight * up
-        points = np.asarray(points, dtype=float).reshape(-1, 3)
-        axes = np.broadcast_to(contact_axes(up), (len(points), 3, 3))
-        if len(self._rim) and len(points):
-            axes = self._axes_at_rim(self.cones(points, up))
-        return _Contacts(rotation, points, grip, push, up, axes, gravity)
+        return _Contacts(rotation, np.asarray(points, dtype=float).reshape(-1, 3), grip, push, up, gravity)
 
     def cones(self, points: Array, ups: Array) -> StandingCones:
         """Return the cones of what the plate stands on at points (..., k, 3) of it [m], with `ups` (..., 3)."""
         return standing_cones(points, ups, self._rim, self.friction.environment, self.environment_bound)
 
-    def _axes_at_rim(self, cones: StandingCones) -> Array:
-        """Return columns (k, 3, 3) that take a force in a cone of the friction of all points to one of its point."""
-        axes = np.zeros((len(cones.normals), 3, 3))
+    def _axes(self, contacts: _Contacts) -> Array:
+        """Return columns (k, 3, 3) that take what a template has of the environment contacts to forces, plate axes.
+
+        At a rim they make the cone narrower: the template's is that of the friction everywhere.
+        """
+        if not len(self._rim):
+            return np.broadcast_to(contact_axes(contacts.up), (len(contacts.points), 3, 3))
+        cones, axes = self.cones(contacts.points, contacts.up), np.zeros((len(contacts.points), 3, 3))
         shares = np.asarray(cones.mu) / self.friction.environment
         for point in np.flatnonzero(cones.normals.any(axis=1)):
             axes[point] = contact_axes(cones.normals[point]) * [shares[point], shares[point], 1.0]
@@ -297,7 +298,7 @@ class Balance:
         if known is None:
             blocks = [_PER_LENGTH @ self._cup_map @ self.lifter.contact_map(contacts.up)]
             if len(contacts.points):
-                blocks.insert(0, _PER_LENGTH @ _force_maps(contacts.axes, contacts.points - self.com))
+                blocks.insert(0, _PER_LENGTH @ _force_maps(self._axes(contacts), contacts.points - self.com))
             known = self._rest_maps[key] = np.concatenate(blocks, axis=1)
         return known
 
@@ -345,7 +346,7 @@ class Balance:
             wrenches[row, :3] = x[point]
         if len(self._rim) and len(contacts.points):
             standing = np.array([x[point] for point in columns.environment])
-            forces = np.einsum("kij,kj->ki", contacts.axes, standing)
+            forces = np.einsum("kij,kj->ki", self._axes(contacts), standing)
             wrenches[-1 - len(standing) : -1, :3] = forces @ contact_axes(contacts.up)
         wrenches[-1] = self.lifter.contact_map(contacts.up) @ x[columns.lifter]
         return wrenches
@@ -383,8 +384,6 @@ class _Contacts(NamedTuple):
 
     up: Array
     """World +z in plate axes: the normal of every environment contact."""
-    axes: Array
-    """(k, 3, 3) columns that take what the template has of the environment contacts to forces, plate axes."""
     gravity: Array
     """(6,) Omega_g of (5b), plate axes, about the stated centre of mass."""
 

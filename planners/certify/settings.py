@@ -45,6 +45,8 @@ class CertifySettings:
     """... nor farther than this part of the longest way of a vertex from that end, where that is more."""
     contact_slip: float = 5e-4
     """Drift of contact vertices along the support over a segment [m]; as `element_height`."""
+    rim: float = 1e-3
+    """How near to a support's rim a contact has to be possible beyond it, too [m]; twice `contact_slip`."""
     force_balance: float = 1e-3
     """|sum of forces| [N]; contract."""
     moment_balance: float = 1e-3

@@ -49,8 +49,9 @@ from planners.scene.placements import (
 from planners.scene.rest import LevelFace, upper_surface
 from planners.scene.shape_source import ShapeSource, Uploads
 
-RIM = 1e-3
-"""So far things lie from where a task has them, as it is: whatever stands nearer to a rim may stand beyond it [m]."""
+RIM = 2e-3
+"""Things lie up to a millimetre from where a task has them: what stands so near to a rim may stand beyond it. More, for
+round outlines have sides in another reading [m]."""
 FINGER_GAP = 0.008
 """Between each pad and the plate while the gripper is open around it, in a cell of size 1 [m]: fully open fingers would
 need more room under a tilted plate."""

@@ -243,6 +243,7 @@ def test_a_plate_too_thin_for_the_board_that_it_lies_on_is_put_on_one_no_larger_
     scene = change.built(task, build_scene)
     assert scene is not None
     assert scene.surface_beyond == pytest.approx(0.0, abs=1e-9)
+    assert len(scene.at_the_rim) == len(scene.plate.outline)
     assert scene.support_top == pytest.approx(changes.scene.support_top)
     flush = LiftChanges(change.applied(task), build_scene, LiftSettings(), Effort(0), silent)  # type: ignore[arg-type]
     flush._leaves_a_way = lambda *_, **__: True  # type: ignore[method-assign]

@@ -8,7 +8,7 @@ of a finger that squeezes, friction counts, and what it presses beyond the squee
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,7 +65,9 @@ class Use:
     what: str
 
 
-def reserve_check(evidence: Evidence, hands: Mapping[str, float], model: str) -> Check:
+def reserve_check(
+    evidence: Evidence, hands: Mapping[str, float], model: str, contact_sets: Sequence[BodyContacts]
+) -> Check:
     """Check the reserves that a document states against what its contacts leave; the margin is the smallest left.
 
     Where the document states more than there is, the margin is by how much less there is.
@@ -74,11 +76,12 @@ def reserve_check(evidence: Evidence, hands: Mapping[str, float], model: str) ->
         evidence: of the document.
         hands: by arm, the largest net force that its hand may exert [N].
         model: of the cup: "paper", "cable" or "dexnet".
+        contact_sets: of the document, with whatever else its contacts have to be possible as.
     """
     settings = evidence.settings
     least, where = 1.0, "nothing is held"
     short, short_where = math.inf, ""
-    for contact_set in evidence.contacts:
+    for contact_set in contact_sets:
         use = max(uses(contact_set, hands, model, settings.cone_slack), key=lambda each: each.used, default=None)
         if use is None:
             continue

@@ -14,6 +14,7 @@ from planners.certify.common.segments import PLATE_LIFT, join_checks, joint_chec
 from planners.certify.evidence import Evidence
 from planners.certify.lift.contact_states import contact_state_checks, needs_sets
 from planners.certify.lift.infeasibility import lift_infeasibility_check
+from planners.certify.lift.rim import Rim
 from planners.certify.lift.task import LiftTask, lift_bodies_check
 from planners.certify.lift.touch import LiftContactPlaces, lift_attachment_checks, lift_touch_rule
 from planners.certify.lift.uncertainty import uncertainty_check
@@ -45,6 +46,8 @@ class LiftExamination:
     def motion(self) -> list[Check]:
         """Check everything that happens."""
         evidence, task, plan = self._evidence, self._task, self._evidence.plan
+        rim = Rim(plan, evidence.settings)
+        either_way = rim.either_way(evidence.contacts)
         collision = CollisionCheck(plan, evidence.solids, partial(lift_touch_rule, plan), evidence.settings)
         return [
             *joint_checks(evidence),
@@ -56,11 +59,11 @@ class LiftExamination:
             *balance_checks(evidence),
             *inertia_checks(evidence),
             spacing_check(evidence, lambda motion, body: needs_sets(evidence, motion, body)),
-            *ConeChecks(task.limits(plan), evidence.settings).run(evidence.contacts),
+            *ConeChecks(task.limits(plan), evidence.settings).run(either_way),
             squeeze_check(evidence, required=task.contact_model == "squeeze"),
             payload_check(evidence),
-            reserve_check(evidence, task.hand_limits(plan), task.stated.lifter_model),
-            uncertainty_check(evidence, task.tolerances, task.bounds(plan)),
+            reserve_check(evidence, task.hand_limits(plan), task.stated.lifter_model, either_way),
+            uncertainty_check(evidence, task.tolerances, task.bounds(plan), rim),
             torque_check(evidence),
             *LiftContactPlaces(evidence, task.stated.cup.place).run(),
             *collision.run(evidence.motions),

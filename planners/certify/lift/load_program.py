@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import clarabel
 import numpy as np
@@ -23,6 +24,7 @@ from planners.geometry.pose import Array, skew
 from planners.plan.contacts import BearingContact, SuctionContact
 from planners.plan.scenery import ARMS
 
+NOWHERE: Mapping[int, Array] = MappingProxyType({})
 LARGEST_FACTOR = 2.0
 """No larger factor is looked for: a plate on a table bears any [1]."""
 _LEVER = 0.1
@@ -54,14 +56,22 @@ class _Unknowns:
 class LoadProgram:
     """One contact set, compiled; asked for one load after the other."""
 
-    def __init__(self, contacts: Sequence[BearingContact], reference: Array, bounds: ContactBounds) -> None:
+    def __init__(
+        self,
+        contacts: Sequence[BearingContact],
+        reference: Array,
+        bounds: ContactBounds,
+        beyond: Mapping[int, Array] = NOWHERE,
+    ) -> None:
         """Assemble the program.
 
         Args:
             contacts: of one body at one sample.
             reference: (3,) point that moments are about, world [m].
             bounds: of hands and lifter.
+            beyond: by number of a contact, another normal (3,) with which its force has to be possible, world axes.
         """
+        self._beyond = beyond
         self._parts = _parts(contacts, bounds.model)
         self._size = sum(part.basis.shape[1] for part in self._parts)
         self._bounds = bounds
@@ -176,6 +186,10 @@ class LoadProgram:
             if values.kind == "soft_finger":
                 rows.append(self._row(part, part.basis[5] / values.eps))
             self._norm(values.mu * self._row(part, part.basis[2]), 0.0, np.array(rows))
+        for number, normal in self._beyond.items():
+            part = self._parts[number]
+            force = np.array([self._row(part, row) for row in part.axes @ part.basis[:3]])
+            self._norm(part.contact.mu * normal @ force, 0.0, _across(normal) @ force)
 
     def _nets(self) -> None:
         """What a hand bears in all."""
@@ -189,7 +203,11 @@ class LoadProgram:
 
 
 def stated_factors(
-    contacts: Sequence[BearingContact], reference: Array, bounds: ContactBounds, loads: Sequence[Array]
+    contacts: Sequence[BearingContact],
+    reference: Array,
+    bounds: ContactBounds,
+    loads: Sequence[Array],
+    beyond: Mapping[int, Array] = NOWHERE,
 ) -> list[float]:
     """Return the factors of loads as `LoadProgram.factor` does, from the program as paper B prints it, in cvxpy.
 
@@ -206,6 +224,9 @@ def stated_factors(
     for wrench, part in zip(F, parts, strict=True):
         total = total + _grasp_map(part, reference) @ wrench
         limits += _stated_limits(wrench, part, bounds.model)
+    for number, normal in beyond.items():
+        force = parts[number].axes @ F[number][:3]
+        limits.append(cp.norm(_across(normal) @ force) <= parts[number].contact.mu * (normal @ force))
     for arm in ARMS:
         mine = [(f, p) for f, p in zip(F, parts, strict=True) if p.contact.by == arm]
         if not mine:
@@ -267,9 +288,14 @@ def _frame(contact: BearingContact) -> Array:
     z = contact.normal
     if contact.kind == "suction":
         return np.column_stack([contact.x_axis, np.cross(z, contact.x_axis), z])
-    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    return np.column_stack([*_across(z), z])
+
+
+def _across(normal: Array) -> Array:
+    """Return two unit vectors (2, 3) that are square to a normal (3,) and to one another."""
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(normal)))], normal)
     x = x / np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    return np.array([x, np.cross(normal, x)])
 
 
 def _basis(contact: BearingContact, model: str) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from planners.certify.evidence import Evidence
 from planners.certify.finding import Finding
 from planners.certify.lift.load_program import LARGEST_FACTOR, ContactBounds, LoadProgram, stated_factors
+from planners.certify.lift.rim import Rim
 from planners.certify.motion.segment_motion import BodyContacts, added_up
 from planners.certify.plan_view import PlanView
 from planners.geometry.pose import Array
@@ -26,7 +28,7 @@ class Tolerances:
     """Distance along each of the body's axes by which the centre of mass may be off [m]."""
 
 
-def uncertainty_check(evidence: Evidence, tolerances: Tolerances, bounds: ContactBounds) -> Check:
+def uncertainty_check(evidence: Evidence, tolerances: Tolerances, bounds: ContactBounds, rim: Rim) -> Check:
     """Check that contacts bear the heaviest plate with its centre of mass at every corner of its box.
 
     Then they bear every plate within the tolerances: wrenches that can be borne are a convex set that contains zero,
@@ -37,9 +39,10 @@ def uncertainty_check(evidence: Evidence, tolerances: Tolerances, bounds: Contac
     known: dict[bytes, float] = {}
     tightest: tuple[float, BodyContacts] | None = None
     for contact_set in evidence.contacts:
-        key = _key(contact_set)
+        beyond = rim.normals(contact_set)
+        key = _key(contact_set, beyond)
         if key not in known:
-            program = LoadProgram(contact_set.bearing, _centre(plan, contact_set), bounds)
+            program = LoadProgram(contact_set.bearing, _centre(plan, contact_set), bounds, beyond)
             loads = _loads(plan, contact_set, tolerances)
             known[key] = float(np.min([program.factor(load) for load in loads]))
         finding.note(known[key] - 1.0 + settings.stated_bound, contact_set.where)
@@ -48,7 +51,9 @@ def uncertainty_check(evidence: Evidence, tolerances: Tolerances, bounds: Contac
     if tightest is not None:
         factor, contact_set = tightest
         loads = _loads(plan, contact_set, tolerances)
-        second = float(np.min(stated_factors(contact_set.bearing, _centre(plan, contact_set), bounds, loads)))
+        beyond = rim.normals(contact_set)
+        factors = stated_factors(contact_set.bearing, _centre(plan, contact_set), bounds, loads, beyond)
+        second = float(np.min(factors))
         if not abs(second - factor) <= settings.second_opinion * LARGEST_FACTOR:
             complaint = f"the paper's program as printed bears {second:.6g} times the load, not {factor:.6g}"
             finding.require(False, contact_set.where, complaint)
@@ -75,11 +80,14 @@ def _loads(plan: PlanView, contact_set: BodyContacts, tolerances: Tolerances) ->
     return list(loads.values())
 
 
-def _key(contact_set: BodyContacts) -> bytes:
-    """Tell contact sets apart by what matters to balance: tilt and contacts, not height and place; and inertia."""
+def _key(contact_set: BodyContacts, beyond: Iterable[int]) -> bytes:
+    """Tell contact sets apart by what matters to balance: tilt and contacts, not height and place; and inertia.
+
+    `beyond`: numbers of the contacts at a rim.
+    """
     R, p = contact_set.T_world_body[:3, :3], contact_set.T_world_body[:3, 3]
     bearing, loads = contact_set.bearing, contact_set.inertia
     numbers = [R[2], *(np.concatenate([R.T @ (c.point - p), R.T @ c.normal]) for c in bearing)]
     numbers += [np.concatenate([R.T @ (c.point - p), R.T @ c.force, R.T @ c.torque]) for c in loads]
-    kinds = ",".join(f"{c.by} {c.kind}" for c in bearing)
+    kinds = ",".join([*(f"{c.by} {c.kind}" for c in bearing), *map(str, beyond)])
     return kinds.encode() + np.round(np.concatenate(numbers), 9).tobytes()

@@ -67,7 +67,7 @@ class ToolExamination:
             squeeze_check(evidence),
             carrying_check(evidence, carried, limits),
             payload_check(evidence, carried),
-            reserve_check(evidence, limits, "dexnet"),
+            reserve_check(evidence, limits, "dexnet", evidence.contacts),
             torque_check(evidence),
             *ToolContactPlaces(evidence).run(),
             *collision.run(evidence.motions),

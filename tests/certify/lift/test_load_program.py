@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 
 from planners.balance.balanced import Balanced
 from planners.certify.lift.load_program import LARGEST_FACTOR, ContactBounds, LoadProgram, stated_factors
+from planners.contract.task_spec import LifterModel
 from planners.geometry.pose import Array
 from planners.plan.contacts import BearingContact, Contact
 from tests.support.random_holds import Lift, random_lift
@@ -78,6 +79,29 @@ def test_both_programs_find_the_same_factors(kind: tuple[str, int, int]) -> None
             found = program.factor(load)
             assert math.isnan(found) == math.isnan(factor)
             assert math.isnan(found) or found == pytest.approx(factor, abs=2e-6)
+
+
+@pytest.mark.parametrize("model", ["paper", "dexnet", "cable"])
+@pytest.mark.parametrize("points", [1, 2])
+def test_at_a_rim_both_programs_find_the_same_and_bear_what_the_planners_hold(model: LifterModel, points: int) -> None:
+    """The planners keep to one round cone within those of both edges, so that what they do not hold may be borne."""
+    rng, factors = np.random.default_rng(points), []
+    for seed in range(8):
+        lift = random_lift(seed, model, points, grip=True, push=True)
+        contacts, centre, bounds = contacts_of(lift), lift.rotation @ lift.plate.com, bounds_of(lift)
+        bottom = lift.rotation[:, 2]
+        beyond = {number: bottom for number, each in enumerate(contacts) if each.kind == "environment"}
+        loads = loads_of(lift, rng)
+        program, elsewhere = LoadProgram(contacts, centre, bounds, beyond), LoadProgram(contacts, centre, bounds)
+        found = [program.factor(load) for load in loads]
+        assert found == pytest.approx(stated_factors(contacts, centre, bounds, loads, beyond), abs=2e-6, nan_ok=True)
+        factors += [(factor, elsewhere.factor(load)) for factor, load in zip(found, loads, strict=True)]
+        balance = lift.balance.with_rim(lift.environment_points[:, :2])
+        if isinstance(balance.solve(lift.rotation, lift.environment_points, lift.grip, lift.push), Balanced):
+            assert found[-1] >= 1.0 - 1e-5
+    at_rim, not_there = np.array(factors).T
+    assert not (at_rim > not_there + 1e-5).any()
+    assert (at_rim < not_there - 1e-3).any()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -11,13 +11,15 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from planners import solve
 from planners.balance.contacts import Cup, Friction, GripContacts, HandLimits, PushContact
 from planners.certify import CellReference, RobotSurfaces
 from planners.certify.lift.load_program import LoadProgram, stated_factors
 from planners.certify.lift.task import LiftTask
 from planners.contract.task_spec import read_task
 from planners.geometry.pose import from_pose7
-from planners.planning import plan
+from planners.planning import CertificateFailed, plan
+from planners.scene.lift_scene import PlateLiftScene
 from planners.scene.scene import build_scene
 from tests.manipulation.lift_probe import task_body
 from tests.support.balance_statement import Plate, contact_frames, state_balance
@@ -55,6 +57,19 @@ def test_a_planned_lift_passes(planned_lift: Document, surfaces: RobotSurfaces, 
     margins = {check.name: check.margin for check in certificate.checks}
     for name in ("payload", "squeeze", "reserve", "uncertainty", "joint torque"):
         assert margins[name] is not None, name
+
+
+@pytest.mark.slow
+def test_a_plan_that_knows_of_no_rim_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sheet lies on a board of its own outline: a little off, the board's edge bears its bottom face."""
+    monkeypatch.setattr(PlateLiftScene, "at_the_rim", np.zeros((0, 2)))
+    with pytest.raises(CertificateFailed) as refused:
+        solve(read_task(task_body("sheet_ur10e", reserve=0.05, remedies=False, simulate=False)))
+    certificate = refused.value.plan.certificate
+    assert certificate is not None
+    found = {check.name: check.where for check in certificate.failures}
+    assert set(found) <= {"friction", "reserve", "uncertainty"}
+    assert "by support (environment)" in found["friction"]
 
 
 def gripping(document: Document) -> list[Document]:
