@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -44,6 +45,15 @@ def test_hands_that_slide_on_the_plate_have_slipped(run) -> None:
     simulation = simulate_lift(run.plan, run.scene, silent, 3, slippery)
     assert simulation.outcome == "slipped"
     assert "hand" in simulation.cause
+    assert simulation.lift is None
+    assert ends_there(simulation)
+
+
+def test_a_plate_that_turns_away_from_its_plan_is_told_before_a_hand_has_lost_it(run) -> None:
+    strict = replace(SETTINGS, hand=replace(SETTINGS.hand, largest_turn=math.radians(0.05)))
+    simulation = simulate_lift(run.plan, run.scene, silent, 3, strict)
+    assert simulation.outcome == "slipped"
+    assert simulation.cause.startswith("the plate turned by")
     assert simulation.lift is None
     assert ends_there(simulation)
 

@@ -226,8 +226,8 @@ class LiftExecution:
         world.advance()
         self.time += self.settings.step
         self._steps += 1
-        turn = None if self.lift is None else (self._R0, world.plate.motion[:3])
-        return self._watch.look(moment.segment, self.time, turn)
+        wanted = self.reference.plate_rotation(moment) if self.lift is None else self._R0
+        return self._watch.look(moment.segment, self.time, (wanted, world.plate.motion[:3]))
 
     def _forces(self) -> dict[str, Array]:
         """Return the force (3,) on the plate of everything that touches it, by who exerts it [N]."""
@@ -282,13 +282,13 @@ class _Watch:
         self._held = False, False
         """Whether each hand should hold the plate in this segment."""
 
-    def look(self, segment: Segment, time: float, turn: tuple[Array, Array] | None) -> LiftFailure | None:
+    def look(self, segment: Segment, time: float, turn: tuple[Array, Array]) -> LiftFailure | None:
         """Return what gave way in the last step, None if nothing did.
 
         Args:
             segment: of the plan.
             time: [s].
-            turn: how the plate (3, 3) should hang while it is lifted, and how it does; None before.
+            turn: how the plate (3, 3) should be turned, and how it is.
         """
         cause = self._lifter.lets_go(self._step)
         if cause is not None:
@@ -308,11 +308,11 @@ class _Watch:
         grips, pushes = self._held
         return self._gripping.lost(grips, self._step) or self._pushing.lost(pushes, self._step)
 
-    def _turned(self, turn: tuple[Array, Array] | None) -> str | None:
+    def _turned(self, turn: tuple[Array, Array]) -> str | None:
         # The trace of the rotation between them is one and twice the cosine of its angle.
-        if turn is None or 0.5 * (float(np.vdot(*turn)) - 1.0) >= self._least_cosine:
+        if 0.5 * (float(np.vdot(*turn)) - 1.0) >= self._least_cosine:
             return None
-        return f"the plate turned by {np.degrees(rotation_angle(*turn)):.0f} degrees in the hands"
+        return f"the plate turned by {np.degrees(rotation_angle(*turn)):.0f} degrees from where it should be"
 
     def _overload(self) -> str | None:
         gripped, pushed = math.hypot(*self._gripping.force.tolist()), math.hypot(*self._pushing.force.tolist())
