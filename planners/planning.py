@@ -515,8 +515,10 @@ def _cup_place(plan: Plan, position: tuple[float, float], chosen: CupPlace | Non
     if chosen is None:
         sentence = f"This holds wherever the cup sits; here it sits at {at}."
     elif plan.outcome == "solved" and kept is not None:
-        share = f"{100 * kept:.1f} % of every limit can be kept back there"
-        sentence = f"The cup sits at {at}, the best of {tried} places tried: up to {share}."
+        share = f"poses and holds could keep back up to {100 * kept:.1f} % of every limit there"
+        reserve = plan.statistics.reserve
+        whole = "" if reserve is None else f", this plan with its motions keeps back {100 * reserve.value:.1f} %"
+        sentence = f"The cup sits at {at}, the best of {tried} places tried: {share}{whole}."
     elif plan.outcome == "solved":
         sentence = f"The cup sits at {at}, which among {tried} places comes farthest."
     else:
