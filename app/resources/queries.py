@@ -120,7 +120,7 @@ class PlanQuery(BaseModel):
     outcome: Outcome | None = None
     """Of jobs that have succeeded."""
     physics: Physics | None = None
-    """How the plan fared there."""
+    """How the plan fared when it was simulated."""
 
     @property
     def position(self) -> Position | None:

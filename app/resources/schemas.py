@@ -230,8 +230,8 @@ class PlanResource(Resource):
     """The outcome as soon as it is known: from then on the document can be fetched, at first without its simulation, or
     without changes that would help, and stays valid whatever becomes of those."""
     physics: Physics | None = None
-    """How the plan fared there: a certified plan may still fail, and its document says how and what helps. None: it was
-    not tried, or not yet, or by software that kept none."""
+    """How the plan fared when it was simulated: a certified plan may still fail, and its document says how and what
+    helps. None: it was not simulated, or not yet, or by software that did not keep this."""
     progress: PlanProgress
     created_at: datetime
     started_at: datetime | None

@@ -46,7 +46,7 @@ class CertifySettings:
     contact_slip: float = 5e-4
     """Drift of contact vertices along the support over a segment [m]; as `element_height`."""
     rim: float = 1e-3
-    """How near to a support's rim a contact has to be possible beyond it, too [m]; twice `contact_slip`."""
+    """Contacts that are nearer to their support's rim have to be possible beyond it, too [m]; twice `contact_slip`."""
     force_balance: float = 1e-3
     """|sum of forces| [N]; contract."""
     moment_balance: float = 1e-3

@@ -43,7 +43,7 @@ def box_inertia(sides: Array, mass: float) -> Array:
 
 SERVO = 0.0035
 """Lag of the arms behind their commanded velocity [s]: a robot's servos at 500 Hz."""
-SERVO_DOUBTS = (0.0004, SERVO)
+SERVO_DOUBTS = (0.0001, SERVO)
 """Arms may follow almost at once, too: no loop may swing, as one would that relies on their lag [s]."""
 LIFTER_ACCELERATION = 0.5
 """Gains are compared by moves of a lifter that speeds up and brakes like this [m/s^2]."""

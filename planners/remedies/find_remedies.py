@@ -99,9 +99,11 @@ def find_remedies(
         others_help = any(other.helps for other in searches if other is not each)
         each.try_next(attempt, task, effort, progress, others_help=others_help)
         open_kinds = [*open_kinds[1:], *([] if each.ended else [each])]
+    told = worth_telling(each.found for each in searches)[:most]
+    # Only of what is told, in whose place the smaller change comes: it keeps nothing else from being told.
     for each in searches:
-        each.make_less(attempt, task, effort, progress)
-    return worth_telling(search.found for search in searches)[:most]
+        told = [each.made_less(remedy, attempt, task, effort, progress) for remedy in told]
+    return told
 
 
 def worth_telling(kinds: Iterable[Sequence[tuple[TaskChange, Remedy]]]) -> list[Remedy]:
@@ -228,28 +230,40 @@ class _OfKind:
         # Where no step is left, only what is known is told.
         self.ended = last or enough or (others_help and self._in_vain >= MOST_IN_VAIN)
 
-    def make_less(
-        self, attempt: Callable[[AnyTask], Plan | None], task: AnyTask, effort: Effort, progress: Progress
-    ) -> None:
-        """Look between what did not help and the smallest change that did, where sizes are anything."""
-        for way in dict.fromkeys(change.way for change, _ in self.found):
-            for _ in range(MOST_HALVINGS):
-                helping = [change for change, _ in self.found if change.way == way]
-                least = min(helping, key=lambda change: change.size)
-                known = max(self._in_vain_up_to.get(way, -math.inf), *(change.none for change in helping))
-                if effort.ended or least.of_size is None or 0.5 * (least.size - known) < LESS * least.size:
-                    break
-                between = least.of_size(0.5 * (known + least.size))
-                changed = between.applied(task)
-                if changed is None or not known < between.size < least.size:
-                    break
-                effort.trying = between.kind
-                progress(effort.report())
-                plan = attempt(changed)
-                if plan is not None:
-                    self.found.append((between, _remedy(between, plan)))
-                elif not effort.ended:
-                    self._in_vain_up_to[way] = between.size
+    def made_less(
+        self,
+        remedy: Remedy,
+        attempt: Callable[[AnyTask], Plan | None],
+        task: AnyTask,
+        effort: Effort,
+        progress: Progress,
+    ) -> Remedy:
+        """Return a smaller change of the same way that helps, too, if there is one between it and what did not help.
+
+        That is looked for where sizes are anything, of the smallest change of its way that this search has found.
+        """
+        least = next((change for change, each in self.found if each is remedy), None)
+        if least is None:
+            return remedy
+        of_its_way = [change for change, _ in self.found if change.way == least.way]
+        if any(other.size < least.size for other in of_its_way):
+            return remedy
+        known = max(self._in_vain_up_to.get(least.way, -math.inf), *(change.none for change in of_its_way))
+        for _ in range(MOST_HALVINGS):
+            if effort.ended or least.of_size is None or 0.5 * (least.size - known) < LESS * least.size:
+                break
+            between = least.of_size(0.5 * (known + least.size))
+            changed = between.applied(task)
+            if changed is None or not known < between.size < least.size:
+                break
+            effort.trying = between.kind
+            progress(effort.report())
+            plan = attempt(changed)
+            if plan is None:
+                known = between.size
+            else:
+                least, remedy = between, _remedy(between, plan)
+        return remedy
 
     def _is_known(self, change: TaskChange) -> bool:
         """Whether planning a change would tell nothing new."""

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from pydantic import JsonValue
@@ -270,20 +270,22 @@ class ToolChanges:
                 if cause.needed is not None and cause.available is not None and cause.unit == "N"
             ]
             if excess and each.mass is not None:
-                most = each.mass - max(excess) / self._gravity
-                yield from self._of(self._of_mass(index, each, share * most) for share in _LIGHTER)
+                too_much = max(excess) / self._gravity
+                most = each.mass - too_much
+                yield from self._of(self._of_mass(index, each, share * most, too_much) for share in _LIGHTER)
 
-    def _of_mass(self, index: int, each: ObjectToMove, mass: float) -> TaskChange:
+    def _of_mass(self, index: int, each: ObjectToMove, mass: float, too_much: float) -> TaskChange:
+        """Have an object weigh less; by no more than `too_much` less is known not to help [kg]."""
         assert each.mass is not None
         mass = math.floor(100.0 * mass) / 100.0
         sentence = f"Make {each.name} lighter, or move it in parts: {mass:g} kg instead of {each.mass:g} kg."
         stated = each.mass
 
         def of(size: float) -> TaskChange:
-            return self._of_mass(index, each, stated - size)
+            return self._of_mass(index, each, stated - size, too_much)
 
         steps = (put(f"/objects/{index}/mass", mass),)
-        return TaskChange("mass", sentence, steps, each.name, stated - mass, of_size=of)
+        return TaskChange("mass", sentence, steps, each.name, stated - mass, too_much, of)
 
     # Obstacles.
 
@@ -436,21 +438,26 @@ class ToolChanges:
         return [self._of([self._pressing(most)])]
 
     def _finger_forces(self, most: float) -> list[float]:
-        """Return what a finger may press with, up to the most that the gripper does [N]: whole newtons before that.
+        """Return what a finger may press with, up to the most that the gripper does [N]: whole newtons before that."""
+        stated = self.task.grip_force_limit
+        least = stated + self._missing_press
+        between = {math.ceil(least + share * (most - least)) for share in _PRESSED}
+        return [*sorted(force for force in between if stated < force < most), most]
 
-        Where the plan tells how much squeeze is missing they are more than that: of the ways of one object, each told
-        with its own, the least may do, and all objects need one.
+    @cached_property
+    def _missing_press(self) -> float:
+        """How much more fingers have to press at least, as the plan tells [N]; 0: it does not.
+
+        Of the ways of one object, each told with its own, the least may do, and all objects need one.
         """
-        stated, short = self.task.grip_force_limit, dict[str, float]()
+        short = dict[str, float]()
         names = [each.name for _, each in self._objects]
         for cause in self._explanation.causes:
             if _is_short_of_squeeze(cause):
                 named = str(cause.where) if cause.where in names else ""
                 missing = (cause.needed or 0.0) - (cause.available or 0.0)
                 short[named] = min(missing, short.get(named, math.inf))
-        least = stated + max(short.values(), default=0.0)
-        between = {math.ceil(least + share * (most - least)) for share in _PRESSED}
-        return [*sorted(force for force in between if stated < force < most), most]
+        return max(0.0, *short.values(), 0.0)
 
     def _pressing(self, force: float) -> TaskChange:
         stated = self.task.grip_force_limit
@@ -460,7 +467,8 @@ class ToolChanges:
         def of(size: float) -> TaskChange:
             return self._pressing(float(math.ceil(stated + size)))
 
-        return TaskChange("hand_limits", sentence, (put("/grip_force_limit", force),), "press", more, of_size=of)
+        steps = (put("/grip_force_limit", force),)
+        return TaskChange("hand_limits", sentence, steps, "press", more, self._missing_press, of)
 
 
 def _is_short_of_squeeze(cause: Cause) -> bool:

@@ -346,6 +346,20 @@ def test_a_change_that_costs_something_is_told_no_larger_than_about_what_it_take
     assert least - known <= max((first - begin) / 2**MOST_HALVINGS, 2 * LESS * least)
 
 
+def test_a_smaller_change_comes_in_the_place_of_the_larger_and_keeps_nothing_else_from_being_told(a_plan: Plan) -> None:
+    """Although its plan keeps less back, so that the larger one would be worth telling beside it."""
+    reserve = a_plan.statistics.reserve
+    assert reserve is not None
+
+    def helps(newtons: float) -> Plan:
+        kept = reserve.model_copy(update={"value": 0.01 * (newtons - 20.0)})
+        return a_plan.model_copy(update={"statistics": a_plan.statistics.model_copy(update={"reserve": kept})})
+
+    others = [[force(float(60 + number))] for number in range(MOST_REMEDIES - 1)]
+    told = found([[of_any_size(40.0)], *others], helps, a_plan)
+    assert [remedy.sentence for remedy in told] == ["25 N.", *(f"{60 + number} N." for number in range(len(others)))]
+
+
 def test_nothing_smaller_is_planned_where_no_step_is_left_or_none_can_be(a_plan: Plan) -> None:
     assert [each.sentence for each in found([[of_any_size(40.0)]], lambda _: True, a_plan, steps=6)] == ["40 N."]
     known = of_any_size(40.0, none=39.0)

@@ -125,7 +125,7 @@ class Answer:
     stages: tuple[tuple[str, float], ...] = ()
     """Name and seconds of each, without names of objects: one that several objects go through is there for each."""
     physics: Physics | None = None
-    """How the plan fared there; None: it was not tried, or not yet."""
+    """How the plan fared when it was simulated; None: it was not, or not yet."""
 
 
 class DocumentHeader(NamedTuple):
@@ -137,7 +137,7 @@ class DocumentHeader(NamedTuple):
     """Of what follows [bytes]."""
     stages: Sequence[tuple[str, float]]
     """As in the answer."""
-    physics: Physics | None
+    physics: Physics | None = None
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ class PackedDocument:
     complete: bool = True
     """Whether nothing will be added to it; else its simulation, or remedies, are still to come."""
     physics: str | None = None
-    """How the plan fared there; None: it was not tried, or not yet."""
+    """How the plan fared when it was simulated; None: it was not, or not yet."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class PlanRecord:
     study_id: str | None = None
     """Of the study of which it plans a point, as long as that is kept."""
     physics: str | None = None
-    """How it fared there; None: not tried, not yet, or stored by earlier software."""
+    """How it fared when it was simulated; None: it was not, not yet, or stored by earlier software."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class PlanFilter:
     outcome: str | None = None
     """Of a job that has succeeded."""
     physics: str | None = None
-    """How it fared there."""
+    """How it fared when it was simulated."""
     name: str | None = None
     """Part of `external_id` or `work_master`, or the beginning of the id; in capitals or not."""
     from_us: int | None = None

@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 from scipy.spatial import ConvexHull
 
+from planners.certify.geometry.level_contacts import LEVEL
 from planners.certify.motion.segment_motion import BodyContacts
 from planners.certify.plan_view import BodyView, PlanView
 from planners.certify.settings import CertifySettings
 from planners.geometry.pose import Array
 
-_LEVEL = 1e-6
-"""Vertices so near to a support's top are of it [m]."""
+_ON_IT = 1e-6
+"""Vertices so near to the plane of a face are of it [m]."""
 
 
 class Rim:
@@ -57,6 +59,10 @@ class Rim:
 
 def _sides(support: BodyView) -> Array:
     """Return the sides of a support's top: (n, 3) outward normals and offsets, of points [x, y, 1] in the world [m]."""
-    T = support.T_world_start
-    vertices = support.shape.vertices @ T[:3, :3].T + T[:3, 3]
-    return ConvexHull(vertices[vertices[:, 2] >= support.top - _LEVEL, :2]).equations
+    T, vertices = support.T_world_start, support.shape.vertices
+    planes = np.vstack([part.planes for part in support.shape.parts])
+    rises = planes[:, :3] @ T[2, :3]
+    # Of the highest of its level faces, which may be tilted by as much as still counts as level.
+    top = (rises >= LEVEL) & (-planes[:, 3] * rises + T[2, 3] >= support.top - _ON_IT)
+    on_top = (np.abs(vertices @ planes[top, :3].T + planes[top, 3]) <= _ON_IT).any(axis=1)
+    return ConvexHull(vertices[on_top] @ T[:2, :3].T + T[:2, 3]).equations
