@@ -435,7 +435,8 @@ class ToolChanges:
         most = min(self._cell.gripper(arm).force_max for arm in self._cell.gripper_arms)
         if self.task.grip_force_limit >= most or not any(map(_is_short_of_squeeze, self._explanation.causes)):
             return []
-        return [self._of([self._pressing(most)])]
+        # Less would keep even less back.
+        return [self._of([replace(self._pressing(most), of_size=None)])]
 
     def _finger_forces(self, most: float) -> list[float]:
         """Return what a finger may press with, up to the most that the gripper does [N]: whole newtons before that."""
