@@ -16,7 +16,6 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
 
 from tests.support.samples import sample
-from tests.support.service import PATIENCE_SECONDS
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_browser = pytest.mark.skipif(
@@ -38,8 +37,8 @@ SERIOUS = ("serious", "critical")
 """Impacts of findings of axe-core that fail a page."""
 EMPTY_SCENE = "<title>Scene</title><canvas></canvas>"
 """A page waits for something to be drawn in."""
-LOADING_MILLISECONDS = 1e3 * PATIENCE_SECONDS
-"""The first picture waits for the drawings of the robot to be made, and a plan for its solver."""
+LOADING_MILLISECONDS = 120e3
+"""The first picture waits for the drawings of the robot to be made."""
 
 
 @contextmanager

@@ -16,8 +16,6 @@ from planners.plan.simulation import Physics
 from workers.solver.process import COMPILE, main
 from workers.solver.protocol import Answer, SolverRequest
 
-PHYSICS: dict[str | None, Physics] = {"lifted": "passed", "done": "passed", "slipped": "failed"}
-
 
 def solve(request: SolverRequest, _: object, certified: Callable[[Answer], bool]) -> Answer:
     folder, name = Path(sys.argv[1]), request.task["external_id"]
@@ -33,8 +31,15 @@ def solve(request: SolverRequest, _: object, certified: Callable[[Answer], bool]
 
 
 def answer(document: dict[str, Any]) -> Answer:
-    physics = PHYSICS.get((document.get("simulation") or {}).get("outcome"))
-    return Answer(document["outcome"], json.dumps(document).encode(), physics=physics)
+    return Answer(document["outcome"], json.dumps(document).encode(), physics=told_physics(document))
+
+
+def told_physics(document: dict[str, Any]) -> Physics | None:
+    """Return how a plan fared in physics, by its document as JSON data."""
+    simulation = document.get("simulation")
+    if simulation is None:
+        return None
+    return "passed" if simulation["outcome"] in ("lifted", "done") else "failed"
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 from planners.cell.cell import Cell
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.plan.plan import Plan
-from planners.plan.simulation import physics_of
 from planners.progress import Progress, silent
 from planners.regrasp.grasps.handovers import HandoverDatabase, HandoverSettings, handover_key
 from planners.scene.scene import build_scene, with_centres
@@ -29,6 +28,7 @@ from workers.solver.protocol import Answer, SolverRequest
 from workers.solver.warm_up import is_warm
 from workers.stores.handover_store import HandoverStore
 
+from .document_solver import told_physics
 from .service import ROOT
 
 if TYPE_CHECKING:
@@ -98,8 +98,8 @@ class PlanShelf:
     def answer(self, request: SolverRequest, progress: Progress, _: Callable[[Answer], bool]) -> Answer:
         """Answer as a solver."""
         document = self.take(request, progress)
-        plan = Plan.read(document)
-        return Answer(plan.outcome, document, physics=physics_of(plan.simulation))
+        told = json.loads(document)
+        return Answer(told["outcome"], document, physics=told_physics(told))
 
     @cached_property
     def _set_up(self) -> HandoverStore | None:

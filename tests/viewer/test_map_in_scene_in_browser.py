@@ -107,6 +107,7 @@ def test_a_click_on_a_tile_opens_the_plan_of_its_point(page: Page, service: Serv
     with service.client() as client:
         plan = re.search(r"plan=(\w+)", page.url)
         assert plan is not None
+        finished(client, client.get(f"/v1/plans/{plan[1]}").json())
         page.wait_for_function(f"player.description?.id === '{plan[1]}'")
         assert client.get(f"/v1/plans/{plan[1]}/document").json()["task"]["cup"]["position"] == cup["position"]
     expect(page.locator("#study-told")).to_contain_text("3 of 4 cup places are solved")

@@ -36,9 +36,7 @@ def at_rim(standing: Standing, point: Array) -> bool:
     place = T[:3, :3] @ point + T[:3, 3]
     up = np.array([0.0, 0.0, 1.0])
     contact = EnvironmentContact.model_construct(kind="environment", point=place, normal=up, by="support", body="plate")
-    contact_set = BodyContacts.__new__(BodyContacts)
-    object.__setattr__(contact_set, "contacts", (contact,))
-    object.__setattr__(contact_set, "T_world_body", np.eye(4))
+    contact_set = BodyContacts(None, 0, "plate", np.eye(4), (contact,))  # type: ignore[arg-type]
     return 0 in Rim(standing, CertifySettings()).normals(contact_set)  # type: ignore[arg-type]
 
 
