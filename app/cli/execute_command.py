@@ -287,8 +287,8 @@ class _Session:
     def _is_away(self, arm: ArmName) -> bool:
         link = self._links[arm]
         state = link.state()
-        link.silence(state.timestamp)
-        return state.safety_mode not in NORMAL_MODES or link.unheard() > SILENT_FOR_GOOD
+        silence = link.silence(state.timestamp)
+        return state.safety_mode not in NORMAL_MODES or max(silence, link.unheard()) > SILENT_FOR_GOOD
 
     def _write_task(self, schedule: Schedule, reached: float) -> None:
         positions = np.concatenate([self._links[arm].state().positions for arm in ARMS])

@@ -148,6 +148,22 @@ def test_a_controller_that_dies_leaves_the_other_arm_at_rest() -> None:
 
 
 @pytest.mark.slow
+def test_a_connection_that_breaks_between_two_looks_at_it_is_a_controller_lost_and_no_computer_late() -> None:
+    with cell() as site:
+        link = site.links["right"]
+        listen = link.silence
+
+        def listen_once_more(timestamp: float) -> float:
+            heard = listen(timestamp)
+            link._is_lost = True
+            return heard
+
+        execution, _ = execute_and(site, 1, lambda: setattr(link, "silence", listen_once_more))
+        assert execution.stop is not None
+        assert (execution.stop.reason, execution.stop.arm) == (StopReason.LOST, "right")
+
+
+@pytest.mark.slow
 def test_arms_that_are_told_late_stay_together() -> None:
     with cell() as site:
         site.stand_ins["right"].tell(delay=0.006)

@@ -142,15 +142,12 @@ class ArmLink:
         self._looked_at = now
         if timestamp != self._seen:
             self._seen, self._seen_at, self._silence = timestamp, now, 0.0
-        return self._silence if self._is_connected else float("inf")
+        is_connected = not self._is_lost and self._receive.isConnected()
+        return self._silence if is_connected else float("inf")
 
     def unheard(self) -> float:
         """Return since when nothing new was heard when somebody looked last, whoever is to blame for it [s]."""
-        return self._looked_at - self._seen_at if self._is_connected else float("inf")
-
-    @property
-    def _is_connected(self) -> bool:
-        return not self._is_lost and self._receive.isConnected()
+        return self._looked_at - self._seen_at
 
     def beat(self) -> None:
         """Tell the program that somebody supervises it."""
