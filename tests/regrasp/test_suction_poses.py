@@ -372,6 +372,17 @@ def test_an_object_smaller_than_the_pad_has_no_poses_and_a_reason():
     assert found.rejections.counts() == {"suction: " + SuctionFault.NO_FACET: 1}
 
 
+@pytest.mark.parametrize("sides", [(0.03, 0.03, 0.03), (0.012, 0.02, 0.028), (0.06, 0.002, 0.015)])
+def test_of_an_object_smaller_than_the_pad_the_largest_disc_that_a_face_has_room_for_is_told(sides):
+    found = poses_of(trimesh.creation.box(sides))
+    ((rejection, _),) = found.rejections.most_common()
+    assert rejection.reason == SuctionFault.NO_FACET
+    assert rejection.unit == "m"
+    # A box's largest face has its two longest sides.
+    assert rejection.available == pytest.approx(sorted(sides)[1])
+    assert rejection.needed == pytest.approx(2.0 * (LIP.radius + SETTINGS.rim))
+
+
 @pytest.mark.parametrize("name", MESHES)
 def test_trimesh_agrees_on_what_is_closed(name):
     assert is_closed_and_outward(*arrays(MESHES[name])) == MESHES[name].is_volume

@@ -26,6 +26,8 @@ from planners.scene.solid import Surface
 
 STAGE = "suction"
 """Under which suction poses are counted among the rejections."""
+_MEASURED = 6
+"""So many flat places are measured where all are too small: the largest ones."""
 _ROUNDING = 1e-9
 """Lengths within it are equal [m]."""
 _DIGITS = 6
@@ -213,7 +215,7 @@ def suction_poses(
     growth = replace(settings.facets, least_area=max(settings.facets.least_area, math.pi * cup.radius**2))
     facets = find_facets(pads.vertices, pads.faces, growth)
     if not facets:
-        rejections.add(Rejection(STAGE, SuctionFault.NO_FACET))
+        rejections.add(_no_facet(pads, load, cup, settings))
         return SuctionPoses((), (), (), rejections)
     sampler = _Sampler(pads, load, cup, settings, _spacing(facets, settings))
     considered = [sampler.consider(number, facet) for number, facet in enumerate(facets)]
@@ -225,6 +227,16 @@ def suction_poses(
     rejected = _Places.joined([places.only(~places.kept & places.coarse) for places in considered])
     candidates = (*best.candidates(), *rejected.candidates())
     return SuctionPoses(tuple(best.poses(facets, load, settings.rolls)), facets, candidates, rejections)
+
+
+def _no_facet(pads: PadSurface, load: SuctionLoad, cup: CupStrength, settings: SuctionSettings) -> Rejection:
+    """Say how large a flat place has to be across, and how large the roomiest of the largest ones is [m]."""
+    facets = find_facets(pads.vertices, pads.faces, settings.facets)[:_MEASURED]
+    sampler = _Sampler(pads, load, cup, settings, settings.spacing)
+    clearances = [sampler.consider(number, facet).clearances for number, facet in enumerate(facets)]
+    roomiest = max((float(each.max()) for each in clearances if len(each)), default=0.0)
+    needed = settings.clearance(cup)
+    return Rejection.measured(STAGE, SuctionFault.NO_FACET, "", 2.0 * needed, 2.0 * roomiest, "m")
 
 
 def is_closed_and_outward(vertices: Array, faces: Indices) -> bool:

@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 Triple = tuple[float, float, float]
+Chain = tuple[tuple[Triple, Triple, Triple], Triple, list[tuple[Triple, Triple]]]
+"""Axes and origin of the flange's frame, and axis and origin of each joint, in the base frame."""
+_NEAR = 0.1
+"""Steps that turn a joint by more are taken by least squares: the arm may be next to a singularity [rad]."""
 
 
 class SafetyMode(IntEnum):
@@ -114,20 +118,22 @@ class Arm:
 
     def tcp_pose(self, q: Vector | None = None, tcp: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """Return `T_base_tcp` (4×4): each joint turns about z, then its row of the table follows."""
-        (x, y, z), p, _ = self._chain(self.q if q is None else q)
-        T_base_flange = np.array([*zip(x, y, z, p, strict=True), (0.0, 0.0, 0.0, 1.0)])
-        return T_base_flange @ (self.tcp if tcp is None else tcp)
+        return _pose(self._chain(self.q if q is None else q)) @ (self.tcp if tcp is None else tcp)
 
     def joint_speeds(self, twist: Vector, q: Vector | None = None) -> Vector:
         """Return the joint speeds of a TCP's speed [m/s, rad/s] in the base frame, by least squares."""
-        axes, p, screws = self._chain(self.q if q is None else q)
+        return _least_squares(self._jacobian(self._chain(self.q if q is None else q)), twist)
+
+    def _jacobian(self, chain: Chain) -> NDArray[np.float64]:
+        """Return the (6, 6) that takes joint speeds to the TCP's speed in the base frame."""
+        axes, p, screws = chain
         offset = self.tcp[:3, 3].tolist()
         at = [p[i] + sum(axis[i] * part for axis, part in zip(axes, offset, strict=True)) for i in range(3)]
         columns = [(*_cross(z, (at[0] - o[0], at[1] - o[1], at[2] - o[2])), *z) for z, o in screws]
-        return np.asarray(np.linalg.lstsq(np.array(columns).T, twist, rcond=1e-6)[0], dtype=np.float64)
+        return np.array(columns).T
 
-    def _chain(self, q: Vector) -> tuple[tuple[Triple, Triple, Triple], Triple, list[tuple[Triple, Triple]]]:
-        """Return axes and origin of the flange's frame, and axis and origin of each joint, in the base frame.
+    def _chain(self, q: Vector) -> Chain:
+        """Return where everything is.
 
         In plain numbers: this is what a controller does most, and arrays this small take ten times as long.
         """
@@ -150,11 +156,31 @@ class Arm:
         """Return joints that put the TCP at a pose in the base frame, near others; None: none were found."""
         q = near.astype(float).copy()
         for _ in range(20):
-            off = _way(self.tcp_pose(q), T)
+            chain = self._chain(q)
+            off = _way(_pose(chain) @ self.tcp, T)
             if np.abs(off).max() < 1e-10:
                 return q
-            q = q + self.joint_speeds(off, q)
+            q = q + _step(self._jacobian(chain), off)
         return None
+
+
+def _pose(chain: Chain) -> NDArray[np.float64]:
+    """Return `T_base_flange` (4×4)."""
+    (x, y, z), p, _ = chain
+    return np.array([*zip(x, y, z, p, strict=True), (0.0, 0.0, 0.0, 1.0)])
+
+
+def _step(jacobian: NDArray[np.float64], off: Vector) -> Vector:
+    """Return by how much joints (6,) turn for a small way (6,): mostly what solves it, which takes a third as long."""
+    try:
+        step: Vector = np.linalg.solve(jacobian, off)
+    except np.linalg.LinAlgError:
+        return _least_squares(jacobian, off)
+    return step if np.abs(step).max() < _NEAR else _least_squares(jacobian, off)
+
+
+def _least_squares(jacobian: NDArray[np.float64], twist: Vector) -> Vector:
+    return np.asarray(np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0], dtype=np.float64)
 
 
 def _way(T: NDArray[np.float64], D: NDArray[np.float64]) -> Vector:

@@ -303,6 +303,8 @@ class Controller:
 
         def take(data: bytes) -> None:
             session.received += data
+            if session.received.find(b"\nend", max(0, len(session.received) - len(data) - 4)) < 0:
+                return
             lines = session.received.decode().split("\n")
             ends = [i for i, line in enumerate(lines) if line.rstrip() == "end"]
             if ends:
@@ -445,7 +447,9 @@ class Controller:
 
     def _obey(self, order: dict[str, Any]) -> object:
         if "held" in order:
-            self._is_held, self._time = order["held"], max(order.get("time", 0.0), self._time)
+            # What passed of the world's time while it was held is not made up for.
+            now = order.get("time", 0.0) if order["held"] else time.monotonic()
+            self._is_held, self._time = order["held"], max(now, self._time)
         if "protective_stop" in order:
             self.arm.protective_stop(str(order["protective_stop"]))
         if "wrench" in order:

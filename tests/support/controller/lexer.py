@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 KEYWORDS = frozenset("def end while if elif else return break continue global local True False and or not pass".split())
 _WORD = re.compile(
@@ -25,8 +25,7 @@ class ScriptRefused(Exception):
         super().__init__(f"line {line}, column {column}: {what}")
 
 
-@dataclass(frozen=True)
-class Word:
+class Word(NamedTuple):
     """One word: its kind (number, string, name, keyword, sign, newline, end) and where it begins, from 1."""
 
     kind: str
