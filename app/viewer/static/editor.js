@@ -480,7 +480,7 @@ class Editor {
     [this.plan, this.running] = [plan.id, plan.links.cancel];
     for (let shown = null; this.plan === plan.id;) {
       const { state, done, progress, outcome, verdict, error, links } = plan;
-      const stage = verdict === "solved" ? "In physics" : verdict ? "There is no plan; trying changes" : `Planning: ${(progress.stage ?? "begins").replaceAll("_", " ")}`;
+      const stage = verdict ? afterVerdict(verdict, progress.stage) : `Planning: ${(progress.stage ?? "begins").replaceAll("_", " ")}`;
       byId("plan-progress").value = progress.fraction;
       byId("plan-progress").hidden = done;
       byId("plan-status").textContent = done ? "" : state === "queued" ? "Waiting for its turn" : `${stage}, ${Math.round(100 * progress.fraction)} %`;
@@ -809,6 +809,12 @@ class Fields {
 }
 
 /** Keep the draft of this address for when the page is loaded again, in this tab alone. */
+/** What is being done to a task whose verdict is known, given the stage of its progress. */
+function afterVerdict(verdict, stage) {
+  if (verdict !== "solved") return "There is no plan; trying changes";
+  return stage === "remedies" ? "Physics does not carry it out; trying changes" : "In physics";
+}
+
 function keepDraft(draft) {
   sessionStorage.setItem(`liftwright draft ${location.search}`, JSON.stringify(draft));
 }

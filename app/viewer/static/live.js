@@ -491,7 +491,8 @@ function progressOf(plan) {
   }
   const done = `${Math.round(100 * plan.progress.fraction)} %`;
   if (!plan.verdict) return `${plan.state} ${done}`;
-  return plan.verdict === "solved" ? `solved, physics follows, ${done}` : `${plan.verdict.replace("_", " ")}, changes are tried, ${done}`;
+  if (plan.verdict !== "solved") return `${plan.verdict.replace("_", " ")}, changes are tried, ${done}`;
+  return plan.progress.stage === "remedies" ? `failed in physics, changes are tried, ${done}` : `solved, physics follows, ${done}`;
 }
 
 /** When a job may begin, where that is yet to come. */
