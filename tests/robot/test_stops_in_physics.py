@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import ExitStack
 
 import pytest
 
@@ -11,7 +12,7 @@ from planners.plan.segment import SegmentKind
 from planners.program.schedule import ProgramStep, Schedule
 from tests.support.controller.executed import STANDSTILL, Cell
 from tests.support.controller.lock_step import lock_step
-from tests.support.controller.physical_cell import physical_cell
+from tests.support.controller.physical_cell import PhysicalPile, physical_cell
 from tests.support.controller.stand_in import hosts
 from tests.support.documents import plan_of
 from tests.support.plan_shelf import PlanShelf
@@ -48,13 +49,20 @@ def test_a_slow_arm_that_is_stopped_for_protection_drops_nothing(shelf: PlanShel
 def stopped_midway(
     shelf: PlanShelf, name: str, part: float, settings: ExecutionSettings, *, protective: bool
 ) -> str | None:
-    """Stop both arms in the middle of a step in which something is carried; returns what gave way."""
+    """Stop both arms in the middle of a step in which something is carried; returns what gave way.
+
+    Of a pile no more is executed than that step and the one before it.
+    """
     schedule = Schedule.of(plan_of(shelf.document(task(name))))
     carrying = [step for step in schedule.steps if step.kind is SegmentKind.TRANSFER and step.duration > 0.5]
     step = carrying[round(part * (len(carrying) - 1))]
     moving = next(arm for arm in ARMS if step.arms[arm].moves)
     speed = settings.speed_in(step)
-    with physical_cell(schedule) as physics, lock_step(schedule) as clock:
+    with ExitStack() as stack:
+        physics = stack.enter_context(physical_cell(schedule))
+        if isinstance(physics, PhysicalPile):
+            schedule = physics.prepare(max(schedule.steps[0].number, step.number - 1))
+        clock = stack.enter_context(lock_step(schedule))
         clock.physics = physics
         site = Cell(schedule, clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
         log = ExecutionLog(site.log, clock)

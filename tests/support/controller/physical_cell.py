@@ -213,6 +213,14 @@ class PhysicalPile:
         self.gave_way: str | None = None
         """What did, once it has."""
 
+    def prepare(self, number: int) -> Schedule:
+        """Have the simulation's own arms do all until a step, by its number; returns the steps from there on."""
+        self._schedule = self._schedule.since(number)
+        step, execution = self.execution.settings.step, self.execution
+        while execution.time < self._schedule.steps[0].begin - 0.5 * step:
+            assert execution._step() is None
+        return self._schedule
+
     def __call__(self, now: float, told: Told) -> dict[ArmName, dict[str, Any]]:
         """Let a control cycle pass, given what controllers tell; returns what both wrists feel."""
         execution = self.execution
