@@ -122,7 +122,7 @@ def with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any
     Raises:
         SceneError: There is no such scene.
     """
-    if not isinstance(body, dict) or body.get("kind") != "suction_tool":
+    if not isinstance(body, dict) or body.get("kind") != "suction_tool" or body.get("scene_filled") is True:
         return body
     scene_id = body.get("scene_id")
     if scene_id is None:

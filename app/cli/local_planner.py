@@ -129,8 +129,8 @@ class LocalPlanner:
                 begun.add(report.stage)
                 bar.show(report.name, scale.advance(report))
 
-            folder = str(self._cell_folder) if accepted.cell == self._cell else None
-            plan = pipeline.solve(SolverRequest(file.stem, task, cell_folder=folder), show)
+            folders = {accepted.cell: str(self._cell_folder)} if accepted.cell == self._cell else None
+            plan = pipeline.solve(SolverRequest(file.stem, task, cell_folders=folders), show)
             bar.show("done", 1.0)
         return Planned(plan)
 

@@ -167,6 +167,7 @@ def _apply(number: int, plan: Plan, file: TaskFile) -> None:
         BadInput: There are remedies, but not so many.
     """
     from planners.contract.task_change import changed
+    from planners.contract.task_spec import to_post_again, write_task
 
     if plan.outcome == "solved" and not plan.explanation.remedies:
         sys.stdout.write(f"{'changed task:':<16}none, the task has a plan as it is\n")
@@ -177,10 +178,13 @@ def _apply(number: int, plan: Plan, file: TaskFile) -> None:
         return
     if number > len(remedies):
         raise BadInput(f"there is no remedy {number} to apply: choose from 1 to {len(remedies)}")
+    # What a scene gives stands in the task of the plan alone.
+    of_scene = plan.task.kind == "suction_tool" and plan.task.scene_id is not None
+    task = write_task(to_post_again(plan.task)) if of_scene else file.task
     path = Path(file.named).with_name(f"{file.stem}.remedy-{number}.json")
     with written_whole(path) as written:
         assert written is not None
-        json.dump(changed(file.task, remedies[number - 1].patch), written, indent=2, allow_nan=False)
+        json.dump(changed(task, remedies[number - 1].patch), written, indent=2, allow_nan=False)
     sys.stdout.write(f"{'changed task:':<16}{path}\n")
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 from urllib.parse import urlsplit
 
 import httpx
-from httpx_sse import connect_sse
+from httpx_sse import ServerSentEvent, connect_sse
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from app.cli.output import ProgressBar, Refused
@@ -25,6 +26,14 @@ KEY_VARIABLE = "LIFTWRIGHT_KEY"
 """Environment variable with the key that a service asks for: not an argument, which others on the machine can see."""
 PATIENCE = httpx.Timeout(None, connect=30.0)
 """Perceiving a scan takes as long as it takes, and a job may say nothing for long [s]."""
+
+
+RESTART_SECONDS = 60.0
+"""How long a service may be away while a job is followed, as when it is upgraded [s]."""
+RETRY_SECONDS = 1.0
+"""Between two tries to reach it [s]."""
+STARTING = (502, 503)
+"""What a service, or a proxy before it, answers while it starts."""
 
 
 class ServiceAnswer(BaseModel):
@@ -231,15 +240,14 @@ class ServiceClient:
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
-        known, count, events = 0, study.count, study.links.events
-        with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar() as bar:
-            self._accepted(source.response)
-            for event in source.iter_sse():
+        known, count = 0, study.count
+        with ProgressBar() as bar:
+            for event in self._events(study.links):
                 if event.event == "finished":
                     return self._read(StudyJob, event.data)
                 known += 1
                 bar.show(f"{known} of {count} points", known / count)
-        raise ServiceAway(self.address, "it closed the event stream before the study ended")
+        raise AssertionError("events go on until somebody has what was wanted")
 
     def post_scene(self, description: bytes, files: Mapping[str, bytes]) -> KeptScene:
         """Post a scan, its description and its files by their parts, and return the scene it became.
@@ -261,17 +269,42 @@ class ServiceClient:
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: Its events cannot be had, or break off.
         """
-        events = plan.links.events
-        with self._connected() as client, connect_sse(client, "GET", events) as source, ProgressBar(called) as bar:
-            self._accepted(source.response)
-            for event in source.iter_sse():
+        with ProgressBar(called) as bar:
+            for event in self._events(plan.links):
                 if event.event == "finished":
                     job = self._read(PlanJob, event.data)
                     bar.show("done", job.progress.fraction)
                     return job
                 report = self._read(_Report, event.data)
                 bar.show(report.stage, report.fraction)
-        raise ServiceAway(self.address, "it closed the event stream before the job ended")
+        raise AssertionError("events go on until somebody has what was wanted")
+
+    def _events(self, links: PlanAddresses | StudyAddresses) -> Iterator[ServerSentEvent]:
+        """Yield the events of a job, for ever: each once, though the service restarts meanwhile.
+
+        Raises:
+            KeyMissing, ServiceRefused, ServiceAway: They cannot be had, or the service stays away.
+        """
+        received, away_since = "", None
+        while True:
+            error: BaseException | str = "it closed the event stream"
+            try:
+                asked = {"Last-Event-ID": received} if received else {}
+                with self._connected() as client, connect_sse(client, "GET", links.events, headers=asked) as source:
+                    if source.response.status_code in STARTING:
+                        error = f"it answers {source.response.status_code}"
+                    else:
+                        self._accepted(source.response)
+                        for event in source.iter_sse():
+                            received, away_since = event.id or received, None
+                            yield event
+            except ServiceAway as away:
+                error = away.__cause__ or away
+            away_since = away_since or time.monotonic()
+            if time.monotonic() - away_since > RESTART_SECONDS:
+                why = f"{error}; if it is there again, what was posted is at {self.address}{links.self}"
+                raise ServiceAway(self.address, why)
+            time.sleep(RETRY_SECONDS)
 
     def _read(self, kind: type[Wanted], content: bytes | str) -> Wanted:
         try:

@@ -24,7 +24,7 @@ from app.errors import (
 )
 from app.resources.queries import PlanQuery, page_of
 from app.resources.schemas import PlanResource, plan_address, plan_resource
-from planners.contract.task_spec import TaskSpec, read_task, write_task
+from planners.contract.task_spec import TaskSpec, read_task, to_post_again, write_task
 from workers.stores.job_queue import JobQueue, Pace
 from workers.stores.jobs import Job, JobOrder, JobState
 from workers.stores.plan_store import (
@@ -140,7 +140,7 @@ class PlanCollection:
     def _asks_for(self, record: PlanRecord, task: TaskSpec) -> bool:
         """Tell whether a plan's task is the same as another one, with the defaults of today filled in both."""
         stored = self.store.task(record.id)
-        return stored is not None and write_task(read_task(stored)) == write_task(task)
+        return stored is not None and to_post_again(read_task(stored)) == to_post_again(task)
 
     def plan(self, plan_id: str) -> PlanResource:
         """Return one plan.
@@ -165,7 +165,7 @@ class PlanCollection:
         return [plan for plan in plans if query.state in (None, plan.state)], position
 
     def task(self, plan_id: str) -> dict[str, Any]:
-        """Return the task of a plan as it was accepted.
+        """Return the task of a plan as it was accepted, which may be posted again.
 
         Raises:
             PlanNotFound: There is no plan of that id.
@@ -173,7 +173,8 @@ class PlanCollection:
         task = self.store.task(self.plan(plan_id).id)
         if task is None:
             raise PlanNotFound(plan_id)
-        return dict(task)
+        # Of old plans it is not told that nothing of a scene is missing.
+        return dict(task) if task.get("scene_id") is None else {**task, "scene_filled": True}
 
     def document(self, plan_id: str) -> StoredDocument:
         """Return the document of a plan of which it is known whether there is one.

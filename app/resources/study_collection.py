@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Container
+from collections.abc import Callable, Container
 from typing import Any
 
 from pydantic import ValidationError
@@ -20,7 +20,9 @@ from app.resources.plan_collection import PlanCollection
 from app.resources.queries import page_of
 from app.resources.schemas import PlanResource, StudyResource, study_resource
 from app.settings import ServiceSettings
+from app.task_intake import VersionedCells
 from planners.contract.problems import Problem, reasons_of
+from planners.contract.study_spec import StudyAxis
 from planners.errors import SceneError
 from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap
@@ -55,7 +57,7 @@ class StudyCollection:
         return StudyCollection(self.store, self._queue, self._plans.seen_by(caller), self._settings, caller)
 
     def submit(
-        self, sent: Any, fill: Callable[[Any], Any], idempotency_key: str | None, cells: Collection[str]
+        self, sent: Any, fill: Callable[[Any], Any], idempotency_key: str | None, cells: VersionedCells
     ) -> StudyResource:
         """Accept a study, or find the one that the same key made.
 
@@ -74,12 +76,18 @@ class StudyCollection:
         record = self.store.by_key(idempotency_key, self._caller.owner)
         if record is None:
             study = Study.read(sent, fill, self._settings.max_study_points)
-            _require_cell(study, cells)
+            study = _in_lasting_cells(study, cells)
             self._require_room()
             record = self.store.accept(study, idempotency_key, self._caller.owner, sent_fingerprint)
-        if record.sent_fingerprint != sent_fingerprint:
+        elif record.sent_fingerprint != sent_fingerprint and not self._asks_for(record, sent, fill, cells):
             raise KeyUsedForAnotherTask
         return self._resources([record])[0]
+
+    def _asks_for(self, record: StudyRecord, sent: Any, fill: Callable[[Any], Any], cells: VersionedCells) -> bool:
+        """Tell whether a study is the same as another one, in other words."""
+        study = _in_lasting_cells(Study.read(sent, fill, self._settings.max_study_points), cells)
+        stored = self.store.study(record.id)
+        return stored is not None and stored.document() == study.document()
 
     def _require_room(self) -> None:
         unfinished, owner = self._queue.unfinished_studies(), self._caller.owner
@@ -157,7 +165,10 @@ class StudyCollection:
         if study.done:
             raise AlreadyFinished(study.state)
         self.store.cancel(self._record(study_id))
-        return self.study(study_id)
+        study = self.study(study_id)
+        if study.state != "cancelled":
+            raise AlreadyFinished(study.state)
+        return study
 
     def delete(self, study_id: str) -> None:
         """Remove a study with its points; plans that were made of points stay.
@@ -199,8 +210,21 @@ class StudyCollection:
         return (self.store.get(record.id) if ended_since else None) or record
 
 
-def _require_cell(study: Study, cells: Collection[str]) -> None:
-    """Raise `NotAStudy` where none of its points could be planned, because the cell of all of them is not there."""
-    cell = study.spec.task["cell"]
-    if cell not in cells and not any(axis.pointer == CELL for axis in study.axes):
-        raise NotAStudy([Problem(f"/task{CELL}", f"there is no cell {cell}", list(cells))])
+def _in_lasting_cells(study: Study, cells: VersionedCells) -> Study:
+    """Return a study whose points name cells for good, as its task does already.
+
+    Raises:
+        NotAStudy: It names cells that are not there, or not for this caller.
+    """
+    allowed, lasting = list(cells), list[StudyAxis]()
+    named = [(f"/task{CELL}", str(study.spec.task["cell"]))]
+    for number, axis in enumerate(study.axes):
+        if axis.pointer == CELL:
+            names = [str(value) for value in axis.places]
+            named += [(f"/axes/{number}/values/{place}", name) for place, name in enumerate(names)]
+            axis = axis.model_copy(update={"values": tuple(map(cells.lasting_name, names))})
+        lasting.append(axis)
+    problems = [Problem(where, f"there is no cell {name}", allowed) for where, name in named if name not in cells]
+    if problems:
+        raise NotAStudy(problems)
+    return Study(study.spec.model_copy(update={"axes": tuple(lasting)}))

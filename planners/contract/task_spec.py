@@ -309,6 +309,9 @@ class SuctionToolTask(StrictModel):
     """None: the cell's tool rest."""
     scene_id: SceneId | None = None
     """The perceived scene that shapes and poses come from where a posted task leaves them out."""
+    scene_filled: Annotated[bool, Field(strict=True, exclude_if=lambda filled: not filled)] = False
+    """Whether all that the scene gives is written out already, as in every task that was accepted: nothing is looked up
+    in it again."""
     objects: Annotated[tuple[ObjectToMove, ...], Counted(1, 50)]
     friction: SuctionToolFriction = SuctionToolFriction()
     grip_force_limit: Force = 60.0
@@ -358,6 +361,13 @@ def read_task(body: object) -> PlateLiftTask | SuctionToolTask:
 def write_task(task: PlateLiftTask | SuctionToolTask) -> dict[str, Any]:
     """Return the task as accepted, every default filled in, as JSON data. `read_task` gives the same task again."""
     return task.model_dump(mode="json")
+
+
+def to_post_again(task: PlateLiftTask | SuctionToolTask) -> PlateLiftTask | SuctionToolTask:
+    """Return a task of a plan as it is posted again: it has all of its scene, also where plans did not say so yet."""
+    if isinstance(task, PlateLiftTask) or task.scene_id is None:
+        return task
+    return task.model_copy(update={"scene_filled": True})
 
 
 def without(task: PlateLiftTask | SuctionToolTask, pointers: Iterable[str]) -> dict[str, Any]:

@@ -105,7 +105,7 @@ def fill_from_scene(body: Mapping[str, Any], scene: SceneDocument, cell: Cell) -
     obstacles = body.get("obstacles", [])
     if extra and isinstance(obstacles, list):
         filled["obstacles"] = [*obstacles, *extra]
-    return filled
+    return filled | {"scene_filled": True}
 
 
 def stand_up(scene: SceneDocument, cell: Cell) -> list[UprightObject]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic_core import to_jsonable_python
 
 from planners.contract.arrays import ArmName
-from planners.contract.task_spec import ObjectToMove, PlateLiftTask, TaskSpec, read_task, write_task
+from planners.contract.task_spec import ObjectToMove, PlateLiftTask, TaskSpec, read_task, to_post_again, write_task
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
 from planners.plan.scenery import ARMS
@@ -104,7 +104,7 @@ def task_from(schedule: Schedule, reached: float, positions: Array) -> TaskSpec:
     begun = plan.at(0.0).body_poses
     moved = {name: pose for name, pose in moment.body_poses.items() if np.abs(pose - begun[name]).max() > _STILL}
     start = {"start_positions": positions.tolist()}
-    task = plan.task
+    task = to_post_again(plan.task)
     if isinstance(task, PlateLiftTask):
         if "plate" in moved:
             raise CannotPlanOn("the plate is not where the task has it: go back, or lay it down there, first")

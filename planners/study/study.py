@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -16,6 +16,9 @@ from planners.contract.study_spec import StudyAxis, StudySpec
 from planners.contract.task_change import CannotBeChanged, PatchOperation, changed
 from planners.contract.task_spec import PlateLiftTask, SuctionToolTask, read_task, write_task
 from planners.errors import LiftwrightError, SceneError
+
+_OF_A_SCENE = ("/scene_id", "/scene_filled")
+"""Pointers into tasks."""
 
 
 class NotAStudy(NotValid):
@@ -122,9 +125,19 @@ class Study:
         """
         return read_task(self.document_at(index))
 
+    def with_each_value(self) -> Iterator[dict[str, Any]]:
+        """Yield the task as JSON data, as it stands and with each value of each axis: all that any point names."""
+        yield self.spec.task
+        for axis in self.axes:
+            for value in axis.places:
+                yield changed(self.spec.task, [_operation(self.spec.task, axis, value)])
+
     def _strange_values(self, number: int) -> list[Problem]:
         """Say which values of an axis no task may have; with two axes, beside the first value of the other."""
         axis, pointer = self.axes[number], f"/axes/{number}"
+        if axis.pointer in _OF_A_SCENE:
+            detail = "what a scene gives is written into the task before anything is varied: post a study of each scene"
+            return [Problem(f"{pointer}/pointer", detail)]
         try:
             operations = [_operation(self.spec.task, axis, value) for value in axis.places]
         except _NotAPose as error:

@@ -137,3 +137,11 @@ def test_without_keys_and_for_what_is_an_owners_a_name_is_looked_up_in_their_cel
         assert everybodys.of_owner("other").lasting_name("station") == ids["stranger"]
         assert set(ids.values()) <= set(filter(everybodys.of_owner("nobody").__contains__, ids.values()))
         assert "station" not in everybodys.of_owner("nobody")
+
+
+def test_nobody_compares_cells_of_others(service: GuardedService, cells: dict[str, dict[str, Any]]) -> None:
+    axis = {"pointer": "/cell", "values": ["dual_ur3e_lift", cells["writer"]["id"]]}
+    with service.client("stranger") as client:
+        refused = client.post("/v1/studies", json={"task": task("pb1.json"), "axes": [axis]})
+    assert refused.status_code == 422
+    assert [error["pointer"] for error in refused.json()["errors"]] == ["/axes/0/values/1"]

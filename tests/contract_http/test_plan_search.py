@@ -66,6 +66,7 @@ def found(client: httpx.Client, **query: Any) -> list[dict[str, Any]]:
         {"physics": "failed", "state": "failed"},
         {"kind": "plate_lift", "state": "succeeded", "outcome": "solved", "external_id": "order-7"},
         {"state": "failed", "outcome": "solved"},
+        {"state": "running", "outcome": "solved"},
     ],
 )
 def test_a_query_finds_what_a_look_at_all_plans_finds(

@@ -61,6 +61,26 @@ def test_a_task_may_name_a_scene_in_place_of_shapes_and_poses(client: httpx.Clie
     assert answer.status_code == 202, answer.text
 
 
+def test_an_accepted_task_is_posted_again_as_it_is_or_changed_and_takes_nothing_from_its_scene_twice(
+    client: httpx.Client, scene: dict[str, Any]
+) -> None:
+    def accepted(task: dict[str, Any]) -> dict[str, Any]:
+        plan = client.post("/v1/plans", json=task)
+        assert plan.status_code == 202, plan.text
+        return client.post("/v1/tasks/check", json=task).raise_for_status().json()["task"]
+
+    # One object of three: the others are obstacles.
+    first = accepted({**TASK, "scene_id": scene["id"], "objects": TASK["objects"][:1]})
+    assert len(first["obstacles"]) == len(scene["scene"]["objects"]) - 1
+    assert accepted(first) == first
+    (item,), (_, *others) = first["objects"], first["obstacles"]
+    x, *rest = item["pose"]
+    moved = {**first, "objects": [{**item, "pose": [x - 0.002, *rest]}], "obstacles": others}
+    assert accepted(moved) == moved
+    gone = {**first, "scene_id": "0" * 32}
+    assert accepted(gone) == gone
+
+
 def test_the_demo_posts_a_scan_and_the_task_of_its_scene(
     address: str, scene: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:

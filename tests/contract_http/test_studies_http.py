@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from app.settings import ServiceSettings
+from tests.support.own_cell import station
 from tests.support.places import database_at
 from tests.support.service import FAKE_EXAMINER, FAKE_SOLVER, finished, task, wait_for
 from tests.support.serving import served
@@ -166,6 +167,29 @@ def test_the_same_key_makes_one_study_and_is_not_taken_for_another(client: httpx
     first, second = (post(client, Idempotency_Key="study-17") for _ in range(2))
     assert first.json()["id"] == second.json()["id"]
     assert post(client, axes=[X], Idempotency_Key="study-17").status_code == 422
+    in_other_words = post(client, axes=[X, {**Y, "values": [-0.05, 0.0, 0.05]}], Idempotency_Key="study-17")
+    assert (in_other_words.status_code, in_other_words.json()["id"]) == (202, first.json()["id"])
+
+
+def test_cells_that_are_compared_are_named_for_good_and_must_be_there(client: httpx.Client) -> None:
+    own = client.post("/v1/cells", json=station()).raise_for_status().json()
+    cells = {"pointer": "/cell", "values": ["dual_ur3e_lift", own["name"], own["id"]]}
+    study = post(client, "slow", axes=[cells]).raise_for_status().json()
+    (axis,) = client.get(study["links"]["map"]).json()["axes"]
+    assert axis["values"] == ["dual_ur3e_lift", own["id"], own["id"]]
+    refused = post(client, axes=[X, {"pointer": "/cell", "values": ["dual_ur3e_lift", "moon_base"]}])
+    assert refused.status_code == 422
+    (error,) = refused.json()["errors"]
+    assert error["pointer"] == "/axes/1/values/1"
+    assert {"dual_ur3e_lift", own["name"]} <= set(error["allowed"])
+
+
+@pytest.mark.slow
+def test_a_study_tells_of_no_best_plan_that_was_deleted(client: httpx.Client) -> None:
+    study = done(client, axes=[X])
+    finished(client, {"links": {"self": study["best_plan"]}})
+    assert client.delete(study["best_plan"]).status_code == 204
+    assert client.get(study["links"]["self"]).json()["best_plan"] is None
 
 
 @pytest.mark.slow
@@ -190,6 +214,7 @@ def test_studies_are_listed_newest_first_page_by_page(client: httpx.Client) -> N
         ({"task": {"kind": "plate_lift"}, "axes": [X]}, "/task/plate"),
         ({"task": task(cell="moon_base"), "axes": [X]}, "/task/cell"),
         ({"task": task(), "axes": [{"pointer": "/cup/place", "values": [1]}]}, "/axes/0/pointer"),
+        ({"task": task("can_stack.json"), "axes": [{"pointer": "/scene_id", "values": ["0" * 32]}]}, "/axes/0/pointer"),
         ({"task": task(), "axes": [X, {"pointer": "/lifter_model", "values": ["balloon"]}]}, "/axes/1/values/0"),
     ],
 )

@@ -6,9 +6,11 @@ import asyncio
 import json
 import time
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
+from planners.contract.shapes import named_uploads
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint
 from tests.support.service import task
@@ -16,6 +18,7 @@ from workers.engine.study_runner import StudyRunner
 from workers.settings import WorkerSettings
 from workers.solver.protocol import StudyRequest
 from workers.stores.study_store import StudyRecord
+from workers.stores.task_parts import TaskParts
 
 SECONDS = 0.2
 """A solver may take so long."""
@@ -44,6 +47,28 @@ class PromptPool:
             point = StudyPoint.without_plan(self._study, index, "refused", "no such place", 0.0)
             await keep(json.loads(point.model_dump_json()))
         await asyncio.Event().wait()
+
+
+class Named:
+    """Stands for the stores of meshes and of cells, of which it has whatever is named."""
+
+    def documents(self, ids: Iterable[str]) -> dict[str, str]:
+        return {name: f"mesh {name}" for name in ids}
+
+    def unpacked(self, cell: str) -> Path:
+        return Path("cells") / cell
+
+
+def test_whoever_examines_is_given_what_any_point_names() -> None:
+    meshes, cells = ("a" * 32, "b" * 32), ("dual_ur3e_tool", "mine", "yours")
+    body = task("can_stack.json")
+    body["objects"][0]["shape"] = {"type": "mesh", "upload": meshes[0]}
+    axes = [{"pointer": "/objects/0/shape/upload", "values": meshes}, {"pointer": "/cell", "values": cells}]
+    study = Study.read({"task": body, "axes": axes})
+    parts = TaskParts(*cast(Any, (Named(), Named()))).named_by(study.with_each_value())
+    points = [study.document_at(index) for index in range(study.count)]
+    assert set(parts.meshes) == frozenset().union(*map(named_uploads, points)) == set(meshes)
+    assert set(parts.cell_folders) == {str(point["cell"]) for point in points} - {"dual_ur3e_tool"}
 
 
 def test_only_the_solvers_own_time_is_limited(tmp_path: Path) -> None:

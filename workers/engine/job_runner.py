@@ -106,8 +106,8 @@ class JobRunner:
         task = await once_it_is_there(self._store.task, plan_id)
         if task is None:
             raise JobLeft(plan_id)
-        parts = await once_it_is_there(self._parts.named_by, task)
-        request = SolverRequest(plan_id, task, parts.meshes, cell_folder=parts.cell_folder)
+        parts = await once_it_is_there(self._parts.named_by, [task])
+        request = SolverRequest(plan_id, task, parts.meshes, cell_folders=parts.cell_folders)
         async with self._slots:
             return await self._solve_despite_crashes(plan_id, request)
 

@@ -64,13 +64,13 @@ class StudyRunner:
         record = await once_it_is_there(self._studies.get, study_id)
         if study is None or record is None or not await once_it_is_there(self._studies.begin, study_id):
             raise JobLeft(study_id)
-        parts = await once_it_is_there(self._parts.named_by, study.spec.task)
+        parts = await once_it_is_there(self._parts.named_by, study.with_each_value())
         job_id, deaths = part_workflow_id(study_id, part), Counter[int]()
         async with self._slots:
             while missing := await self._missing(record, part):
                 if await once_it_is_there(self._queue.not_with, self._settings.executor_name, [job_id]):
                     raise JobLeft(job_id)
-                request = StudyRequest(study.document(), missing, parts.meshes, parts.cell_folder)
+                request = StudyRequest(study.document(), missing, parts.meshes, parts.cell_folders)
                 await self._examine(job_id, record, study, request, deaths)
         await self._plan_best(record, study)
         return "examined"

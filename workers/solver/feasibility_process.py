@@ -26,7 +26,7 @@ def _load() -> Callable[[bytes, Channel], None]:
         request = FeasibilityRequest.read(line)
         lift = PlateLiftTask.model_validate(request.lift)
         try:
-            found = examiner.ask(lift, cells_of(request, lift.cell, shipped), uploads_of(request))
+            found = examiner.ask(lift, cells_of(request, shipped), uploads_of(request))
         except SceneError:
             # What is wrong with the lift is told by whoever checks it.
             found = None

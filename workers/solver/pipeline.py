@@ -117,7 +117,7 @@ class Pipeline:
             CertificateFailed: The plan must not be delivered.
         """
         task, uploads = read_task(request.task), uploads_of(request)
-        solver = replace(self.solver, cells=cells_of(request, task.cell, self.solver.cells))
+        solver = replace(self.solver, cells=cells_of(request, self.solver.cells))
         if request.certified is not None:
             plan = Plan.read(gzip.decompress(base64.b64decode(request.certified)))
             return solver.completed(plan, uploads, progress)
@@ -139,14 +139,14 @@ def _answer(plan: Plan) -> Answer:
     return Answer(plan.outcome, plan.write(), stages, physics_of(plan.simulation))
 
 
-def cells_of(request: AnyRequest, task_cell: str, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:
-    """Return the cells that a request may name: the shipped ones, and its own as its task names it."""
-    if request.cell_folder is None:
+def cells_of(request: AnyRequest, shipped: Mapping[str, Cell]) -> Mapping[str, Cell]:
+    """Return the cells that a request may name: the shipped ones, and those that came with it."""
+    if not request.cell_folders:
         return shipped
-    return ShippedCells({task_cell: _unpacked_cell(request.cell_folder)})
+    return ShippedCells({name: _unpacked_cell(folder) for name, folder in request.cell_folders.items()})
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _unpacked_cell(folder: str) -> Cell:
     # Here, because what reads bundles takes half a second to import, and most tasks are in shipped cells.
     from planners.cell.bundle import load_unpacked

@@ -1,6 +1,6 @@
 """What a worker and its solver process say to each other: JSON lines, and one block of bytes at the end.
 
-Parent to child, on stdin: one request `{"id", "task", "meshes", "cell_folder"}`. Stdin then stays open; that it closes
+Parent to child, on stdin: one request `{"id", "task", "meshes", "cell_folders"}`. Stdin then stays open; that it closes
 means the parent died.
 Child to parent, on stdout: `{"ready": true}`, any number of `{"progress": [stage, done, total, object]}`, then either
 `{"document": [outcome, sha256, size, stages, physics]}` followed by `size` bytes of gzip, or `{"fault": "a sentence"}`.
@@ -8,9 +8,9 @@ Then the child is ready for the next request, and says so, or it ends. What is c
 to be given remedies, is sent in between, as a document is, but as `{"certified": …}`; or at the end, if the request
 says `until_certified`. A request may bring it back as `certified`: then what it lacks is added, and nothing is planned.
 
-A process that examines points of studies is asked `{"study", "points", "meshes", "cell_folder"}`, answers with
+A process that examines points of studies is asked `{"study", "points", "meshes", "cell_folders"}`, answers with
 `{"point": …}` for each, then with `{"examined": true}`, and waits for the next request. One that keeps the graph of a
-lift is asked `{"lift", "meshes", "cell_folder"}`, and answers with `{"feasibility": [kept, why]}`, or `[]`.
+lift is asked `{"lift", "meshes", "cell_folders"}`, and answers with `{"feasibility": [kept, why]}`, or `[]`.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class SolverRequest(Line):
     """What an earlier attempt has certified, and lacks a simulation or remedies: its document, as gzip in base64."""
     until_certified: bool = False
     """Whether that is enough for now, so that another task gets its answer."""
-    cell_folder: str | None = None
+    cell_folders: Mapping[str, str] | None = None
     """Where the files of the task's cell are unpacked, unless that is a shipped one."""
 
 
@@ -80,7 +80,7 @@ class StudyRequest(Line):
     points: list[int]
     """Numbers of its points, in the order in which they are wanted."""
     meshes: Mapping[str, MeshDocument] | None = None
-    cell_folder: str | None = None
+    cell_folders: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class FeasibilityRequest(Line):
     lift: dict[str, object]
     """A task, as accepted."""
     meshes: Mapping[str, MeshDocument] | None = None
-    cell_folder: str | None = None
+    cell_folders: Mapping[str, str] | None = None
 
 
 AnyRequest = SolverRequest | StudyRequest | FeasibilityRequest

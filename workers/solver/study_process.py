@@ -45,7 +45,7 @@ def _load_examiner() -> Examine:
     examiner = PointExaminer(solver)
 
     def examine(study: Study, index: int, request: StudyRequest) -> StudyPoint:
-        cells = cells_of(request, str(study.spec.task["cell"]), solver.cells)
+        cells = cells_of(request, solver.cells)
         return examiner.examine(study, index, uploads_of(request), cells)
 
     return examine

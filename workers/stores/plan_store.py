@@ -34,6 +34,7 @@ from workers.stores.tables import (
     DOCUMENTS,
     EVENTS,
     PLANS,
+    STUDIES,
     TOTALS,
     AuditRow,
     Position,
@@ -139,8 +140,9 @@ class PlanFilter:
             yield PLANS.c.created_us >= self.from_us
         if self.until_us is not None:
             yield PLANS.c.created_us < self.until_us
-        state = JobState.SUCCEEDED if self.outcome is not None and self.state is None else self.state
-        if state is not None:
+        # Before its job has succeeded a document has an outcome that may still be taken back.
+        settled = JobState.SUCCEEDED if self.outcome is not None else None
+        for state in {state for state in (self.state, settled) if state is not None}:
             jobs = workflow_table(dialect)
             job = sa.select(jobs.c.workflow_uuid).where(jobs.c.workflow_uuid == PLANS.c.id)
             yield job.where(in_state(jobs, state)).exists()
@@ -620,6 +622,8 @@ class PlanStore:
             transaction.execute(sa.delete(PLANS).where(PLANS.c.id == plan_id))
             transaction.execute(sa.delete(EVENTS).where(EVENTS.c.plan_id == plan_id))
             transaction.execute(sa.delete(DOCUMENTS).where(DOCUMENTS.c.plan_id == plan_id))
+            best_of_study = sa.update(STUDIES).where(STUDIES.c.best_plan_id == plan_id)
+            transaction.execute(best_of_study.values(best_plan_id=None))
             forget_deliveries(transaction, plan_id)
 
     def delayed(self, owner: str | None, most: int, transaction: sa.Connection | None = None) -> int:

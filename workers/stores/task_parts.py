@@ -1,8 +1,8 @@
-"""What a task names and does not hold itself: uploaded meshes, and a cell of one's own."""
+"""What tasks name and do not hold themselves: uploaded meshes, and cells of one's own."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,8 +18,8 @@ class NamedParts(NamedTuple):
 
     meshes: Mapping[str, MeshDocument]
     """By id."""
-    cell_folder: str | None
-    """None: its cell is shipped, or not kept any more."""
+    cell_folders: Mapping[str, str]
+    """By name, as tasks say it; cells that are shipped, or not kept any more, are left out."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +29,10 @@ class TaskParts:
     meshes: MeshStore
     cells: CellStore
 
-    def named_by(self, task: Mapping[str, Any]) -> NamedParts:
-        """Return what a task, as accepted, names. One transaction each."""
-        cell, folder = task.get("cell"), None
-        if isinstance(cell, str) and cell not in known_cells():
-            folder = self.cells.unpacked(cell)
-        return NamedParts(self.meshes.documents(named_uploads(task)), None if folder is None else str(folder))
+    def named_by(self, tasks: Iterable[Mapping[str, Any]]) -> NamedParts:
+        """Return what some tasks, as accepted, name. One transaction for all meshes, and one for each cell."""
+        every = [*tasks]
+        uploads = frozenset().union(*map(named_uploads, every))
+        cells = sorted({str(task["cell"]) for task in every}.difference(known_cells()))
+        folders = {cell: str(folder) for cell in cells if (folder := self.cells.unpacked(cell)) is not None}
+        return NamedParts(self.meshes.documents(uploads), folders)

@@ -35,7 +35,7 @@ from app.viewer.palette import FORCE_SCALES, MEANINGS, SEGMENT_KINDS
 from app.viewer.playback import SourceName
 from planners.contract.strict_model import StrictModel
 from planners.contract.task_change import CannotBeChanged, changed
-from planners.contract.task_spec import write_task
+from planners.contract.task_spec import to_post_again, write_task
 from planners.plan.loads import loads_of
 from planners.plan.plan import Plan
 from planners.plan.segment import Grip, Segment
@@ -399,7 +399,7 @@ def _remedies(plan: Plan) -> list[RemedyDescription] | None:
     """Return what to change where there is no plan, or physics does not carry it out."""
     if plan.explanation.remedies is None:
         return None
-    task, asked = write_task(plan.task), plan.task.options.reserve
+    task, asked = write_task(to_post_again(plan.task)), plan.task.options.reserve
     return [
         RemedyDescription(
             sentence=remedy.sentence, figures=_figures_of_remedy(remedy, asked), task=_changed_task(task, remedy)

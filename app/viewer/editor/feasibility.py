@@ -93,11 +93,11 @@ class OtherWays:
             return None
         lift = write_task(task)
         try:
-            parts = await run_in_threadpool(self._parts.named_by, lift)
+            parts = await run_in_threadpool(self._parts.named_by, [lift])
         except DATABASE_GONE as error:
             log.error("database cannot be used", error=said_by(error))
             return None
-        found = await self._pool.ask(editor, FeasibilityRequest(lift, parts.meshes, parts.cell_folder))
+        found = await self._pool.ask(editor, FeasibilityRequest(lift, parts.meshes, parts.cell_folders))
         if found is None:
             return None
         return FeasibilityDescription(holds=found.kept is not None, words=_words_of_ways(found, task.options.reserve))

@@ -29,7 +29,7 @@ _KNOWN_HERE = {(SuctionToolFriction, "eps")}
 _OPTIONAL = frozenset(
     {
         *("contact_model", "mass_tolerance", "com_tolerance", "squeeze", "carry_force_limit"),
-        *("cell", "scene_id", "external_id", "seed"),
+        *("cell", "scene_id", "scene_filled", "external_id", "seed"),
         *(
             "reserve",
             "remedies",
