@@ -24,7 +24,7 @@ from planners.plan.scenery import ARMS
 from planners.program import NotExportable, Schedule
 from planners.program.archive import check_urscript
 from planners.program.guard import exportable, physics_words
-from planners.program.recovery import CannotPlanOn, task_from, way_back
+from planners.program.recovery import CannotPlanOn, held_in, task_from, way_back
 from planners.program.schedule import ProgramStep
 from planners.program.urscript import JOINT_TOLERANCE, SITE_FUNCTIONS
 from workers.robot.arm_link import NORMAL_MODES, ArmLink, NoLink
@@ -252,8 +252,8 @@ class _Session:
             joints = " ".join(f"{each:.4f}" for each in state.positions)
             _say(f"  {name:5s} [{joints}] rad, {np.linalg.norm(state.force):.0f} N at the wrist")
         segment = schedule.plan.at(at).segment
-        rides = [] if segment is None else schedule.plan.segments[segment].rides
-        held = {body: ride.to for body, ride in rides}
+        part = None if segment is None else schedule.plan.segments[segment]
+        held = {} if part is None else {body: ride.to for body, ride in part.rides} | held_in(part)
         for body, carrier in held.items():
             _say(f"  {body} is held by {carrier}: fingers and vacuum stay as they are")
 

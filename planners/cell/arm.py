@@ -75,6 +75,11 @@ class Robot:
     """Hash of the files it was loaded from, meshes included."""
 
 
+def table_of(file: RobotFile) -> Array:
+    """Return the rows (6, 4) of a robot's table: a [m], alpha [rad], d [m], theta0 [rad]."""
+    return np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in file.joints])
+
+
 def load_robot(name: str, shelf: AssetShelf) -> Robot:
     """Load robots/<name>.yaml with its meshes.
 
@@ -87,8 +92,7 @@ def load_robot(name: str, shelf: AssetShelf) -> Robot:
     """
     path = shelf.find("robots", name)
     file = read_robot_file(path)
-    joints = file.joints
-    dh = np.array([[j.a, np.radians(j.alpha_deg), j.d, np.radians(j.theta0_deg)] for j in joints])
+    joints, dh = file.joints, table_of(file)
     faults, link_files, links = AssetFaults(), tuple[LinkFile, ...](), tuple[Link, ...]()
     if isinstance(kind := arm_kind(dh), NoClosedForm):
         faults.add(kind.reason, str(path), "/joints")

@@ -14,6 +14,8 @@ class CertifySettings:
     """Largest step between samples [s]; contract."""
     join: float = 1e-9
     """Largest jump of time, position, velocity, width or pose where segments meet [s, rad, rad/s, m]; contract."""
+    switching: float = 0.2
+    """Least time in which fingers close or open, or vacuum goes on or off [s]; an engineering choice."""
     rest_velocity: float = 1e-6
     """Joint velocity that counts as none [rad/s]; a tenth of an encoder step a second."""
     limit_slack: float = 1e-3

@@ -7,7 +7,13 @@ import zipfile
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 
+import numpy as np
+
+from planners.cell.arm import table_of
+from planners.cell.asset_shelf import read_robot_file, shipped_shelf
 from planners.cell.cell import Cell
+from planners.geometry.pose import Array, Transform, inverse, rotation_angle
+from planners.kinematics.forward import flange_pose
 from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.program.guard import NotExportable, exportable, physics_words
@@ -19,6 +25,9 @@ UR_ROBOTS = ("ur3", "ur3e", "ur5", "ur5e", "ur10", "ur10e", "ur16e", "ur20", "ur
 """Arms whose controllers run URScript, by the names of their files."""
 Files = Mapping[str, str | bytes]
 """By their names."""
+_POSTURES = 8
+_CALIBRATION = 0.02, 0.05
+"""By how much an arm that was measured is off its maker's table at most [m, rad]."""
 _MOMENT = (1980, 1, 1, 0, 0, 0)
 
 
@@ -57,15 +66,40 @@ def write_program(
 
 
 def check_urscript(cell: Cell) -> None:
-    """Refuse a cell whose controllers do not run URScript.
+    """Refuse a cell whose controllers do not run URScript, or mean other forces than the plan does.
 
     Raises:
-        NotExportable: an arm is none of `UR_ROBOTS`.
+        NotExportable: an arm is none of `UR_ROBOTS`, or is not built as the one whose name it has; or, where hands
+            exert forces, these are told in another frame than the controller's own.
     """
     for arm in ARMS:
-        robot = cell.arms[arm].robot.name
-        if robot not in UR_ROBOTS:
-            raise NotExportable(f"the {arm} arm is {robot}, none of {', '.join(UR_ROBOTS)}: choose ros2 or csv")
+        robot = cell.arms[arm].robot
+        if robot.name not in UR_ROBOTS:
+            raise NotExportable(f"the {arm} arm is {robot.name}, none of {', '.join(UR_ROBOTS)}: choose ros2 or csv")
+        shipped = read_robot_file(shipped_shelf().find("robots", robot.name))
+        T_base_controllers = _between_bases(robot.dh, table_of(shipped))
+        first = T_base_controllers[0]
+        if not all(_near(first, each) for each in T_base_controllers):
+            raise NotExportable(f"the {arm} arm is called {robot.name} and is not built as one: choose ros2 or csv")
+        if cell.pusher_arms and not _near(first, np.eye(4)):
+            turn = np.degrees(rotation_angle(first[:3, :3], np.eye(3)))
+            raise NotExportable(
+                f"the {arm} arm's first frame is {1e3 * np.linalg.norm(first[:3, 3]):.0f} mm and {turn:.0f} degrees "
+                f"off that of a {robot.name}'s controller, in which a program tells forces (a URDF of ROS begins with "
+                f"such a link): describe the arm as the shipped {robot.name}, or choose ros2 or csv"
+            )
+
+
+def _between_bases(dh: Array, shipped: Array) -> list[Transform]:
+    """Return where the base of one table is for another (4, 4), at some postures: the same at all, for the same arm."""
+    postures = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, 6))
+    return [flange_pose(dh, np.eye(4), q) @ inverse(flange_pose(shipped, np.eye(4), q)) for q in postures]
+
+
+def _near(one: Transform, other: Transform) -> bool:
+    """Tell whether two frames differ by no more than an arm's calibration does."""
+    off, turn = np.linalg.norm(one[:3, 3] - other[:3, 3]), rotation_angle(one[:3, :3], other[:3, :3])
+    return bool(off < _CALIBRATION[0] and turn < _CALIBRATION[1])
 
 
 def _ur(plan: Plan, cell: Cell, handshake: Handshake) -> Files:

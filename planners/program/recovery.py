@@ -15,7 +15,7 @@ from planners.contract.task_spec import ObjectToMove, PlateLiftTask, TaskSpec, r
 from planners.errors import LiftwrightError
 from planners.geometry.pose import Array
 from planners.plan.scenery import ARMS
-from planners.plan.segment import SegmentKind
+from planners.plan.segment import Segment, SegmentKind
 from planners.program.schedule import ProgramStep, Schedule, WrenchCurve
 
 BACK_SPEED = 0.25
@@ -96,7 +96,7 @@ def task_from(schedule: Schedule, reached: float, positions: Array) -> TaskSpec:
     plan = schedule.plan
     moment = plan.at(reached)
     assert moment.segment is not None
-    held = sorted(body for body, ride in plan.segments[moment.segment].rides if ride.to in ARMS)
+    held = sorted(held_in(plan.segments[moment.segment]))
     if held:
         raise CannotPlanOn(
             f"{' and '.join(held)} {'is' if len(held) == 1 else 'are'} in a hand: put down by hand first"
@@ -123,6 +123,12 @@ def task_from(schedule: Schedule, reached: float, positions: Array) -> TaskSpec:
         if each.name in done
     ]
     return _changed(task, **start, objects=left, obstacles=[*task.obstacles, *put])
+
+
+def held_in(segment: Segment) -> dict[str, ArmName]:
+    """Return what hands hold in a segment, or begin or cease to, with one of the hands each."""
+    riding = {body: arm for body, ride in segment.rides for arm in ARMS if ride.to == arm}
+    return {grip.body: grip.arm for grip in segment.grips} | riding
 
 
 def _at(body: ObjectToMove, pose: Array | None) -> ObjectToMove:

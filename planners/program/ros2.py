@@ -93,6 +93,10 @@ def trajectories(schedule: Schedule, description: CellDescription) -> dict[str, 
         "digest": plan.digest,
         "cell": {"name": plan.cell.name, "hash": plan.cell.hash},
         "group": GROUP,
+        "openings": {
+            arm: {"width": width, "finger_position": description.finger_joints[arm].position(width)}
+            for arm, width in schedule.openings.items()
+        },
         "steps": steps,
     }
 
@@ -139,7 +143,7 @@ def _readme(plan: Plan, description: CellDescription) -> str:
             "0: they open"
             for arm, joint in fingers.items()
         },
-        **{vacuum_topic(arm): "std_msgs/Bool: vacuum of the tool in this hand" for arm in fingers},
+        **{vacuum_topic(arm): "std_msgs/Bool: vacuum of the tool, whichever hand has it" for arm in fingers},
         "/liftwright/step": "std_msgs/String: what is done, for a person",
         "/joint_states": "sensor_msgs/JointState: both arms, and the fingers",
         "/tf, /tf_static": "tf2_msgs/TFMessage: bodies in the frame world, by their names in the plan",
@@ -183,6 +187,8 @@ TO MOVE ROBOTS
     trajectory says so.
   - Between two samples the plan is the cubic with the positions and velocities there. A joint_trajectory_controller
     takes that cubic if it is sent no accelerations, else a quintic that is within {_quintic(plan):.1e} rad of it.
+  - Before the first step bring the fingers to the openings that trajectories.json states, and the vacuum off: wait
+    until they are there.
   - Before a step set the payload that trajectories.json states, and fingers and vacuum as the bag says; wait until
     fingers have closed before the next step begins. Of a payload, mass is in kg and com in m in <arm>_flange, the hand
     included; width is in m, squeeze the force of each pad in N.

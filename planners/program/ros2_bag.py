@@ -154,8 +154,10 @@ class _Recorder:
                 rows = (each[:, mine] for each in (segment.positions, segment.velocities, segment.accelerations))
                 yield times[0], trajectory_topic(arm), ros.joint_trajectory(self.plan.joint_names[mine], times, *rows)
                 does = step.arms[arm]
-                if does.width is not None:
-                    position = self.description.finger_joints[arm].position(does.width)
+                width = self.schedule.openings.get(arm) if step is self.schedule.steps[0] else None
+                width = width if does.width is None else does.width
+                if width is not None:
+                    position = self.description.finger_joints[arm].position(width)
                     command = ros.message(
                         "control_msgs/GripperCommand", position=position, max_effort=does.squeeze or 0.0
                     )

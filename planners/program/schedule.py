@@ -17,7 +17,7 @@ from planners.lifting.hand_admittance import LEAST_PUSH, HandAdmittance
 from planners.plan.plan import Plan
 from planners.plan.planned_wrenches import planned_wrenches, told_wrenches
 from planners.plan.scenery import ARMS, GripperDocument, StickDocument
-from planners.plan.segment import Segment, SegmentKind, riding_on
+from planners.plan.segment import Segment, SegmentKind
 from planners.plan.simulation import LiftSimulation
 from planners.program.stopping import StopBearing
 
@@ -79,7 +79,8 @@ class ArmStep:
     squeeze: float | None
     """With which they close [N]; None: they open, or stay."""
     vacuum: bool | None
-    """Whether the vacuum of the tool in this hand goes on or off as the step begins; None: it stays."""
+    """Whether the vacuum of the tool goes on or off as the step begins; None: it stays. It is the same for both arms:
+    nobody knows whose controller switches it, and a tool that is handed over keeps its valve."""
     force_limit: float
     """Of the force at the wrist, beyond which the program stops [N]."""
     wrenches: WrenchCurve | None = None
@@ -169,10 +170,25 @@ class Schedule:
         push = min(limit.normal, limit.net, math.inf if spare is None else spare)
         return HandAdmittance.of(stick.tip_radius, push, task.friction.eps)
 
+    @property
+    def openings(self) -> dict[ArmName, float]:
+        """To what fingers go before anything moves, as the plan has them at its begin [m].
+
+        None where hands hold something there already, or where what is executed begins later.
+        """
+        first, segment = self.steps[0], self.plan.segments[0]
+        if first.number > 1 or first.way is not None or segment.grips:
+            return {}
+        return {arm: float(widths[0]) for arm, widths in segment.gripper_width.items()}
+
     @cached_property
     def start(self) -> dict[ArmName, Array]:
         """The (6,) joint positions from which each arm begins [rad]."""
         return {arm: self.steps[0].arms[arm].positions[0] for arm in ARMS}
+
+
+_VACUUM = {SegmentKind.ATTACH: True, SegmentKind.DETACH: False}
+_FINGERS_ACT = (SegmentKind.GRIP, SegmentKind.RELEASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,11 +269,11 @@ class _StepReader:
             time=segment.time[:count] - segment.time[0],
             positions=_columns(segment.positions[:count], arm),
             velocities=_columns(segment.velocities[:count], arm),
-            load=self._load(arm, segment),
+            load=self._load(arm, index),
             T_flange_tcp=T_flange_tcp,
             width=float(widths[-1]) if widths is not None and changes else None,
             squeeze=self._squeeze(arm, index) if changes and segment.kind is SegmentKind.GRIP else None,
-            vacuum=self._vacuum(arm, index),
+            vacuum=_VACUUM.get(segment.kind) if gripper else None,
             force_limit=self._force_limit(arm),
             wrenches=self._wrench_curve(arm, index, segment),
             free=self._is_free(arm, index),
@@ -276,14 +292,7 @@ class _StepReader:
             return None if grip is None else grip.squeeze
         return 0.0 if hand.force_range is None else float(hand.force_range[0])
 
-    def _vacuum(self, arm: ArmName, index: int) -> bool | None:
-        kind = self.plan.segments[index].kind
-        if kind not in (SegmentKind.ATTACH, SegmentKind.DETACH):
-            return None
-        tool = riding_on(arm, self.plan.segments, index)
-        return None if tool is None else kind is SegmentKind.ATTACH
-
-    def _load(self, arm: ArmName, segment: Segment) -> Load:
+    def _load(self, arm: ArmName, index: int) -> Load:
         """Return hand and attachments as one mass; what two hands have is half on each.
 
         A plate is none of it: what a hand has of it is a wrench that it feels, see `WrenchCurve`.
@@ -291,14 +300,29 @@ class _StepReader:
         hand = self.plan.cell.hands[arm]
         mass = hand.mass or 0.0
         moment = mass * np.asarray(hand.com if hand.com is not None else np.zeros(3))
-        for body, T_flange_body in () if self._wrenches else carried_by(arm, segment):
+        holding, beside = self._holding(index)
+        share = 1.0 / max(1, len(holding))
+        for body, T_flange_body in carried_by(arm, beside) if arm in holding else ():
             described = self.plan.bodies[body]
-            share = 1.0 / max(1, sum(each.to in ARMS for each in segment.attached[body]))
             carried = share * (described.mass or 0.0)
             mass += carried
             moment += carried * (T_flange_body[:3, :3] @ described.com + T_flange_body[:3, 3])
         com = moment / mass if mass > 0.0 else np.zeros(3)
         return Load(mass, (float(com[0]), float(com[1]), float(com[2])))
+
+    def _holding(self, index: int) -> tuple[tuple[ArmName, ...], Segment]:
+        """Return the hands that hold a tool all through a segment, and a segment that says what rides on them.
+
+        While fingers close or open nothing rides: those of the other hand have it as before, or as afterwards.
+        """
+        segments, segment = self.plan.segments, self.plan.segments[index]
+        if self._wrenches:
+            return (), segment
+        if segment.kind not in _FINGERS_ACT:
+            return tuple(arm for arm in ARMS if any(ride.to == arm for _, ride in segment.rides)), segment
+        holding = tuple(grip.arm for grip in segment.grips[1:])
+        near = segments[index::-1] if segment.kind is SegmentKind.GRIP else segments[index:]
+        return holding, next((each for each in near if each.kind not in _FINGERS_ACT), segment)
 
     def _force_limit(self, arm: ArmName) -> float:
         """Return what the wrist may feel: all that the arm's payload leaves beside the hand, and an allowance.

@@ -24,8 +24,8 @@ COLUMNS = """# The columns
 | `<joint>` | position [rad], joints from base to flange |
 | `<joint>_velocity` | [rad/s]; between two samples the position is the cubic with these values and slopes |
 | `<joint>_acceleration` | [rad/s²] |
-| `left_width`, `right_width` | distance of the pads' inner faces [m]; empty: no fingers |
-| `left_vacuum`, `right_vacuum` | vacuum of the tool in this hand, `on` or `off`; empty: it is never switched |
+| `left_width`, `right_width` | distance of the pads' inner faces [m], the first before all motion; empty: no fingers |
+| `left_vacuum`, `right_vacuum` | vacuum of the tool, `on` or `off`, whichever hand has it; empty: never switched |
 | `left_force`, `right_force`, `cup_force` | size of what hands and cup exert, as planned [N]; empty: not stated here |
 
 `forces.csv`, one row for each contact that bears something, at the samples at which the plan states them.

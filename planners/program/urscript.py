@@ -55,6 +55,8 @@ LOOKAHEAD, GAIN = 0.03, 1000
 """Of `servoj`: how far it looks ahead [s], and how stiffly it follows."""
 SETTLED = 0.1
 """How long a program goes on after it has stopped on the path, before it ends: joints lag by `LOOKAHEAD` [s]."""
+OPENING_SECONDS = 2.0
+"""How long both arms wait before the first step for fingers to be as far open as the plan has them [s]."""
 HEARTBEAT_RATE = 20.0
 """A program stops when its register `heartbeat` is written less often than that [1/s]."""
 
@@ -185,13 +187,15 @@ class _Writer:
             yield "def site_fingers(width, force):"
             yield '  socket_open("127.0.0.1", 63352, "fingers")'
             yield f"  local closed = floor(255 * (1 - width / {_number(stroke)}) + 0.5)"
-            yield f"  local strength = floor(255 * (force - {_number(least)}) / {_number(most - least)} + 0.5)"
+            yield f"  local strength = {_strength(least, most)}"
+            yield '  socket_set_var("SPE", 255, "fingers")'
             yield '  socket_set_var("FOR", strength, "fingers")'
             yield '  socket_set_var("POS", closed, "fingers")'
             yield '  socket_set_var("GTO", 1, "fingers")'
             yield '  socket_close("fingers")'
             yield "end"
-            yield "# Vacuum of the tool in this hand: standard digital output 0."
+            yield "# Vacuum of the tool, whichever hand has it: standard digital output 0. Both programs switch it, so"
+            yield "# that its valve may be wired to either controller."
             yield "def site_vacuum(on):"
             yield "  set_standard_digital_out(0, on)"
             yield "end"
@@ -200,6 +204,8 @@ class _Writer:
             yield "global SITE_TORQUE_AT_FLANGE = True"
         if self.handshake is Handshake.DIGITAL:
             yield "# Barriers: standard digital output 1 of each controller is wired to digital input 1 of the other."
+            yield "# Have the installation set that output low whenever no program runs: one that was broken off leaves"
+            yield "# it as it was, and the other arm would take that for an answer."
             yield "global SITE_OUT = 1"
             yield "global SITE_IN = 1"
         yield ""
@@ -222,6 +228,8 @@ class _Writer:
         if self._is_lift and by_registers:
             yield f"  write_output_float_register({r.lift_speed}, 0)"
         yield f"  stopj({_number(STOP_ACCELERATION)})"
+        if not by_registers:
+            yield "  set_standard_digital_out(SITE_OUT, False)"
         yield "  lw_tell(state)"
         yield '  popup(words, title="Liftwright", error=True, blocking=False)'
         yield "  halt"
@@ -442,7 +450,7 @@ class _Writer:
     def _barrier(self) -> Iterator[str]:
         r = self.registers
         yield "# Neither arm begins a step before the other has ended the one before."
-        yield "def lw_begin(number):"
+        yield "def lw_meet(number):"
         if self.handshake is Handshake.REGISTERS:
             yield f"  write_output_integer_register({r.barrier}, number)"
             yield f"  lw_tell({ProgramState.WAITING})"
@@ -464,6 +472,19 @@ class _Writer:
             yield "  end"
             yield "  # Long enough for the other controller to have seen it before it changes again."
             yield "  sleep(0.05)"
+        yield "end"
+        if self.schedule.openings:
+            yield "# Waits where the plan begins until the fingers of both arms are as far open as it has them."
+            yield "def lw_open():"
+            yield "  local waited = 0"
+            yield f"  while waited < {_number(OPENING_SECONDS)}:"
+            yield "    lw_guard()"
+            yield "    lw_pace()"
+            yield "    sync()"
+            yield "    waited = waited + get_steptime()"
+            yield "  end"
+            yield "end"
+        yield "def lw_run(number):"
         if self._is_lift:
             yield "  if lw_bears:"
             yield f"    stopj({_number(STOP_ACCELERATION)})"
@@ -472,6 +493,10 @@ class _Writer:
         yield f"  lw_tell({ProgramState.RUNNING})"
         yield "  global lw_rest = 0"
         yield "  global lw_path = 0"
+        yield "end"
+        yield "def lw_begin(number):"
+        yield "  lw_meet(number)"
+        yield "  lw_run(number)"
         yield "end"
 
     def _main(self) -> Iterator[str]:
@@ -483,6 +508,9 @@ class _Writer:
             yield "# Nobody supervises any more: stop."
             watched = f"input_int_register_{self.registers.heartbeat}"
             yield f'rtde_set_watchdog("{watched}", {_number(HEARTBEAT_RATE)}, "stop")'
+        else:
+            yield "set_standard_digital_out(SITE_OUT, False)"
+        yield f"write_output_integer_register({self.registers.step}, 0)"
         yield f"lw_begin_at = {_list(self.schedule.start[self.arm])}"
         yield "lw_now = get_actual_joint_positions()"
         yield "lw_joint = 0"
@@ -501,13 +529,18 @@ class _Writer:
             before = mine
         yield from self._lift()
         yield f"stopj({_number(STOP_ACCELERATION)})"
+        if self.handshake is Handshake.DIGITAL:
+            yield "set_standard_digital_out(SITE_OUT, False)"
         yield f"lw_tell({ProgramState.DONE})"
 
     def _step(self, step: ProgramStep, mine: ArmStep, before: ArmStep | None) -> Iterator[str]:
         yield f"# step {step.number} of {self.schedule.last}: {step.words}"
         if step.stop_share < 1.0:
             yield f"# A stop from more than {step.stop_share:g} of the planned speed may lose what is carried."
-        yield f"lw_begin({step.number})"
+        if before is None:
+            yield from self._opening(step.number)
+        else:
+            yield f"lw_begin({step.number})"
         if before is None or mine.load != before.load:
             com = ", ".join(map(_number, mine.load.com))
             yield f"set_payload({_number(mine.load.mass)}, [{com}])"
@@ -526,6 +559,18 @@ class _Writer:
         for duration, q, v in zip(np.diff(mine.time), mine.positions[1:], mine.velocities[1:], strict=True):
             yield f"lw_to({_number(duration)}, {_list(q)}, {_list(v)})"
         yield "lw_settle()"
+
+    def _opening(self, number: int) -> Iterator[str]:
+        """Yield how the first step is begun: behind its barrier, and before either arm moves, fingers open."""
+        yield f"lw_meet({number})"
+        openings = self.schedule.openings
+        if self.arm in openings:
+            if not self._is_lift:
+                yield "site_vacuum(False)"
+            yield f"site_fingers({_number(openings[self.arm])}, {_number(self._least_squeeze)})"
+        if openings:
+            yield "lw_open()"
+        yield f"lw_run({number})"
 
     def _on_plate(self, mine: ArmStep, wrenches: WrenchCurve) -> Iterator[str]:
         """Yield a step of a lift: the motion, with the wrench that the hand exerts on the plate meanwhile."""
@@ -697,6 +742,13 @@ def _indented(lines: Iterator[str]) -> Iterator[str]:
 
 def _number(value: float) -> str:
     return f"{value:.9g}"
+
+
+def _strength(least: float, most: float) -> str:
+    """Return the share of 255 that stands for a force between the least and the most of fingers [N]."""
+    if not most > least:
+        return "255"
+    return f"floor(255 * (force - {_number(least)}) / {_number(most - least)} + 0.5)"
 
 
 def _list(values: Array | Sequence[float]) -> str:

@@ -60,7 +60,7 @@ def check_cell(cell: Cell) -> None:
     Joints at home must be within their ranges and everything there be as far apart as planning keeps it, arms must not
     stand in the table, nor farther from it than they are long, links must not be larger than their arms, forces and
     centres of mass must be such as hands have, a tool rest must be on the table, suction tools must be such as tasks
-    may describe, and gravity must point down.
+    may describe, two grippers must be equal, and gravity must point down.
 
     Raises:
         AssetError: All that is wrong, each with its file and member.
@@ -72,6 +72,7 @@ def check_cell(cell: Cell) -> None:
     if cell.tool_rest is not None:
         _check_tool_rest(cell.tool_rest, table, cell_file, faults)
     _check_tools(cell.tools, faults)
+    _check_grippers(cell, cell_file, faults)
     for arm in cell.arms.values():
         _check_arm(arm, table, mount, faults)
     _check_meetings(cell, faults)
@@ -136,6 +137,14 @@ def _check_tools(tools: Mapping[str, CellTool], faults: AssetFaults) -> None:
             check_tool(tool_of_cell(tool))
         except SceneError as error:
             faults.add(error.detail, f"tools/{name}.yaml", error.pointer)
+
+
+def _check_grippers(cell: Cell, file: str, faults: AssetFaults) -> None:
+    grippers = {name: hand for name, arm in cell.arms.items() if isinstance(hand := arm.hand, Gripper)}
+    if len(grippers) > 1 and len({hand.fingerprint for hand in grippers.values()}) > 1:
+        names = " and ".join(hand.name for hand in grippers.values())
+        detail = f"{names} differ: a suction tool is passed on between two equal grippers"
+        faults.add(detail, file, f"/arms/{[*grippers][-1]}/hand")
 
 
 def _check_arm(arm: Arm, table: StaticBox, mount: str, faults: AssetFaults) -> None:

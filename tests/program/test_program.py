@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +20,14 @@ from app.cli.main import main
 from app.settings import ServiceSettings
 from planners.cell.cell import load_cell
 from planners.certify.motion.kinematics import ArmKinematics
+from planners.contract.task_spec import read_task
 from planners.geometry.pose import Array, from_pose7
 from planners.lifting.hand_admittance import LEAST_PUSH
 from planners.plan.plan import Plan
 from planners.plan.planned_wrenches import LEAD
 from planners.plan.scenery import ARMS, GripperDocument
 from planners.program import NotExportable, ProgramTarget, Schedule, exportable, write_program
+from planners.program.archive import check_urscript
 from planners.program.urscript import Handshake, write_urscript
 from tests.support.plan_shelf import PlanShelf
 from tests.support.service import finished, task
@@ -32,7 +36,8 @@ from tests.support.serving import served
 TASKS = ("ab1", "domino_pile")
 MOVE = re.compile(r"lw_to\(([^,]+), \[([^]]+)\], \[([^]]+)\](?:, \[[^]]+\])?\)")
 STAY = re.compile(r"lw_stay\(([^)]+)\)")
-BEGIN = re.compile(r"lw_begin\((\d+)\)$")
+BEGIN = re.compile(r"lw_(?:begin|run)\((\d+)\)$")
+"""The first step is begun in two parts: between them fingers open."""
 
 
 def streamed(script: str) -> list[tuple[int, float, Array | None, Array | None]]:
@@ -87,7 +92,7 @@ def test_both_programs_have_the_same_steps_of_the_same_length_each_behind_its_ba
 ) -> None:
     schedule = Schedule.of(plans[name])
     left, right = (write_urscript(schedule, arm, handshake) for arm in ARMS)
-    begun = [[int(n) for n in re.findall(r"^  lw_begin\((\d+)\)$", script, re.M)] for script in (left, right)]
+    begun = [[int(n) for n in re.findall(r"^  lw_(?:begin|run)\((\d+)\)$", script, re.M)] for script in (left, right)]
     lifts = name == "ab1" and handshake is Handshake.REGISTERS
     assert begun[0] == begun[1] == list(range(1, len(plans[name].segments) + 1 + lifts))
     lengths = [np.zeros(len(plans[name].segments)) for _ in ARMS]
@@ -209,16 +214,69 @@ def test_hands_on_a_plate_are_told_the_sum_of_their_planned_contacts(plans: dict
     assert compared > 10
 
 
-def test_the_vacuum_is_on_while_objects_ride(plans: dict[str, Plan]) -> None:
-    plan = plans["domino_pile"]
-    vacuum = False
-    for step, part in zip(Schedule.of(plan).steps, plan.segments, strict=True):
+@pytest.fixture(scope="module")
+def passed_on(shelf: PlanShelf) -> Plan:
+    """Return a plan in which the tool is passed on with an object on its cup: it begins and ends far to either side."""
+    shape, turned = {"type": "box", "size": [0.13, 0.07, 0.02]}, [math.sqrt(0.5), 0, 0, math.sqrt(0.5)]
+    poses = {"pose": [0.3, 0.42, 1.104, *turned], "goal_pose": [0.3, -0.42, 1.104, *turned]}
+    domino = {"name": "domino", "shape": shape, "mass": 0.1, **poses, "goal_symmetry": "shape"}
+    options = {"remedies": False, "simulate": False}
+    plan = shelf.plan(read_task({"kind": "suction_tool", "objects": [domino], "options": options}))
+    hands = [{grip.arm for grip in part.grips} for part in plan.segments if len(part.rides) > 1]
+    assert set().union(*hands) == set(ARMS)
+    return plan
+
+
+def test_the_vacuum_is_on_while_objects_ride_whichever_controller_has_the_valve(
+    plans: dict[str, Plan], passed_on: Plan
+) -> None:
+    for plan in (plans["domino_pile"], passed_on):
         for arm in ARMS:
-            mine = step.arms[arm]
-            vacuum = vacuum if mine.vacuum is None else mine.vacuum
-        objects = {body for body, _ in part.rides} - {"tool"}
-        if part.kind not in ("attach", "detach"):
-            assert vacuum == bool(objects)
+            vacuum = False
+            for step, part in zip(Schedule.of(plan).steps, plan.segments, strict=True):
+                vacuum = vacuum if step.arms[arm].vacuum is None else step.arms[arm].vacuum
+                objects = {body for body, _ in part.rides} - {"tool"}
+                if part.kind not in ("attach", "detach"):
+                    assert vacuum == bool(objects)
+
+
+def test_all_that_hands_hold_is_in_the_payloads_while_fingers_close_and_open_too(
+    plans: dict[str, Plan], passed_on: Plan
+) -> None:
+    """A hand that holds the tool before a step and after it holds it in that step."""
+    held_meanwhile = 0
+    for plan in (plans["domino_pile"], passed_on):
+        hands = [plan.cell.hands[arm].mass for arm in ARMS]
+        bare = sum(mass for mass in hands if mass is not None)
+        grips = [{grip.arm for grip in part.grips} for part in plan.segments]
+        steps = Schedule.of(plan).steps
+        for index, (step, part) in enumerate(zip(steps, plan.segments, strict=True)):
+            hanging = {body for body, _ in part.rides}
+            if part.kind in ("grip", "release"):
+                beside = plan.segments[index - 1], plan.segments[index + 1]
+                held = grips[index - 1] & grips[index + 1]
+                hanging = {body for each in beside for body, _ in each.rides} if held else set()
+                held_meanwhile += bool(held)
+            elif part.kind in ("attach", "detach"):
+                hanging &= {"tool"}
+            carried = sum(plan.bodies[body].mass or 0.0 for body in hanging)
+            assert sum(step.arms[arm].load.mass for arm in ARMS) == pytest.approx(bare + carried), step.words
+    assert held_meanwhile > 1
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_before_anything_moves_fingers_are_told_the_opening_that_the_plan_begins_with(
+    plans: dict[str, Plan], name: str
+) -> None:
+    plan = plans[name]
+    schedule = Schedule.of(plan)
+    for arm, widths in plan.segments[0].gripper_width.items():
+        begins = write_urscript(schedule, arm).partition("# ---- the plan ----")[2]
+        before_moving = begins[: re.search(r"lw_(to|stay)\(", begins).start()]  # pyright: ignore[reportOptionalMemberAccess]
+        met, opened, run = (before_moving.index(words) for words in ("lw_meet(1)", "site_fingers(", "lw_run(1)"))
+        assert met < opened < before_moving.index("lw_open()") < run
+        assert float(before_moving[opened:].split("(")[1].split(",")[0]) == pytest.approx(widths[0])
+    assert schedule.since(2).openings == {}
 
 
 @pytest.mark.slow
@@ -344,6 +402,28 @@ def test_arms_of_another_maker_get_tables_and_no_urscript(
     monkeypatch.setattr("planners.program.archive.UR_ROBOTS", ("ur10e",))
     with pytest.raises(NotExportable, match="the left arm is ur3e, none of ur10e: choose ros2 or csv"):
         write_program(documents["ab1"], load_cell("dual_ur3e_lift"), ProgramTarget.UR)
+
+
+@pytest.mark.parametrize(
+    ("turned", "longer", "told"),
+    [(0.0, 0.003, None), (math.pi, 0.0, "first frame is 0 mm and 180 degrees off"), (0.0, 0.1, "is not built as one")],
+)
+def test_programs_are_for_arms_whose_controllers_mean_the_same_frame(
+    turned: float, longer: float, told: str | None
+) -> None:
+    """As those of a URDF do not, whose first link is turned by half a turn; what calibration changes is no matter."""
+    cell = load_cell("dual_ur10e_lift")
+    dh = cell.arms["left"].robot.dh.copy()
+    # Half a turn before the first joint, and back by the joint's own zero: another base, and the same flange.
+    dh[0, 3] += turned
+    dh[1, 0] -= longer
+    arm = replace(cell.arms["left"], robot=replace(cell.arms["left"].robot, dh=dh))
+    described = replace(cell, arms={**cell.arms, "left": arm})
+    if told is None:
+        check_urscript(described)
+        return
+    with pytest.raises(NotExportable, match=told):
+        check_urscript(described)
 
 
 @pytest.mark.slow

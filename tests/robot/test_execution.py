@@ -17,7 +17,7 @@ import pytest
 from planners.contract.arrays import ArmName
 from planners.plan.scenery import ARMS
 from planners.program.schedule import STOP_DURATION, ProgramStep, Schedule
-from planners.program.urscript import ProgramState
+from planners.program.urscript import OPENING_SECONDS, ProgramState
 from tests.support.controller.executed import STANDSTILL, Cell, apart, assert_as_planned, running
 from tests.support.controller.lock_step import LockStep, lock_step, wait_for
 from tests.support.controller.site import CYCLE
@@ -71,6 +71,8 @@ def execute_and(
 ) -> tuple[Execution, float]:
     """Execute, and do something a while after a step was begun; returns how it ended, and when that was done."""
     done: list[float] = []
+    # Behind the first barrier fingers open before anything moves.
+    after += OPENING_SECONDS if step == 1 and SCHEDULE.openings else 0.0
 
     def confirm(begins: ProgramStep | None) -> bool:
         if begins is not None and begins.number == step:

@@ -255,3 +255,16 @@ def test_a_home_that_looks_like_radians_is_noted() -> None:
     )}  # fmt: skip
     (note,) = doubts_about(replace(cell, arms=arms))
     assert note.startswith("the left arm's home_deg")
+
+
+def test_two_grippers_of_a_cell_are_equal(tmp_path: Path) -> None:
+    def cell_with(right: str) -> CellBundle:
+        hands = {"left": "robotiq_2f85_ft300", "right": right}
+        arms = {arm: {"robot": "ur3e", "hand": hand} for arm, hand in hands.items()}
+        rest = {"position": [0.22, 0.0], "clearance": 0.024, "height": 0.050, "thickness": 0.005}
+        return CellBundle.of_text(written({"name": "pair", "mount": "dual_column", "arms": arms, "tool_rest": rest}))
+
+    load_checked(cell_with("robotiq_2f85_ft300"), tmp_path)
+    with pytest.raises(AssetError) as caught:
+        load_checked(cell_with("jaws_140_ft300"), tmp_path)
+    assert "/arms/right/hand" in {fault.pointer for fault in caught.value.faults}

@@ -41,7 +41,8 @@ class KindRules:
 _HANDS_ONLY = frozenset({"transit", "approach", "retreat", "grip", "release"})
 PLATE_LIFT = KindRules("plate lift", _HANDS_ONLY | {"transfer"}, _HANDS_ONLY, frozenset(_FINGERS))
 """A transfer may move the plate, and need not; the cup holds from first to last."""
-_STANDING = frozenset({*_FINGERS, "handover", "attach", "detach"})
+_SWITCHING = frozenset({*_FINGERS, "attach", "detach"})
+_STANDING = _SWITCHING | {"handover"}
 SUCTION_TOOL = KindRules(
     "suction-tool plan", _HANDS_ONLY | _STANDING | {"transfer"}, _HANDS_ONLY | _STANDING, _STANDING
 )
@@ -156,14 +157,18 @@ def _acceleration_consistency(plan: PlanView, settings: CertifySettings) -> Chec
 
 
 def kind_check(evidence: Evidence, rules: KindRules) -> Check:
-    """Check what moves in segments of each kind: bodies in transfers only, fingers alone in grips and releases."""
-    finding, join = Finding("kinds", "1"), evidence.settings.join
+    """Check what moves in segments of each kind: bodies in transfers only, fingers alone in grips and releases, and for how long."""
+    finding, join, switching = Finding("kinds", "1"), evidence.settings.join, evidence.settings.switching
     for segment in evidence.plan.segments:
         where = segment.place()
         finding.require(segment.kind in rules.kinds, where, f"has no place in a {rules.plan}")
         if segment.kind in rules.bodies_rest:
             for name, poses in segment.transforms.items():
                 finding.require(float(np.ptp(poses, axis=0).max()) <= join, where, f"{name} moves")
+        if segment.kind in _SWITCHING:
+            lasts = float(segment.time[-1] - segment.time[0])
+            told = f"fingers and vacuum have {1e3 * lasts:.3g} ms, and need {1e3 * switching:g}"
+            finding.require(lasts >= switching - _ROUNDING, where, told)
         if segment.kind in _FINGERS:
             change = _FINGERS[segment.kind] * np.array([w[-1] - w[0] for w in segment.gripper_width.values()])
             finding.require(change.max(initial=0.0) > join, where, "no fingers move as the kind says")

@@ -117,6 +117,16 @@ def an_object_is_attached_to_a_hand(document: Document) -> None:
     segment["attached"]["block"].append({"to": arm, "pose": segment["attached"]["tool"][0]["pose"]})
 
 
+@lie("kinds", "fingers and vacuum have 1 ms, and need 200")
+def the_vacuum_holds_after_a_millisecond(document: Document) -> None:
+    segments = document["segments"]
+    attach = segments.index(first(document, "attach"))
+    begin, end = segments[attach]["time"][0], segments[attach]["time"][-1]
+    segments[attach]["time"] = [begin + 1e-3 * (t - begin) / (end - begin) for t in segments[attach]["time"]]
+    for segment in segments[attach + 1 :]:
+        segment["time"] = [t - (end - begin) + 1e-3 for t in segment["time"]]
+
+
 @lie("attachment_rules", "while fingers open or close")
 def the_tool_is_attached_while_fingers_close(document: Document) -> None:
     first(document, "grip")["attached"] = {"tool": first(document, "transfer")["attached"]["tool"]}
