@@ -148,7 +148,8 @@ def test_what_a_hand_has_or_what_was_moved_is_no_begin_of_a_task(schedules: dict
     for name, schedule in schedules.items():
         plan, told = schedule.plan, set[str]()
         for part in plan.segments:
-            held = {body for body, ride in part.rides if ride.to in ARMS}
+            # While fingers close or open nothing is attached yet, or any more.
+            held = {body for body, ride in part.rides if ride.to in ARMS} | {grip.body for grip in part.grips}
             time = 0.5 * (float(part.time[0]) + part.end)
             moved = any(
                 np.abs(pose - plan.bodies[body].pose).max() > 1e-6 for body, pose in plan.at(time).body_poses.items()

@@ -262,7 +262,9 @@ def test_two_grippers_of_a_cell_are_equal(tmp_path: Path) -> None:
         hands = {"left": "robotiq_2f85_ft300", "right": right}
         arms = {arm: {"robot": "ur3e", "hand": hand} for arm, hand in hands.items()}
         rest = {"position": [0.22, 0.0], "clearance": 0.024, "height": 0.050, "thickness": 0.005}
-        return CellBundle.of_text(written({"name": "pair", "mount": "dual_column", "arms": arms, "tool_rest": rest}))
+        return CellBundle.of_text(
+            written({"name": "pair", "gravity": [0, 0, -9.81], "mount": "dual_column", "arms": arms, "tool_rest": rest})
+        )
 
     load_checked(cell_with("robotiq_2f85_ft300"), tmp_path)
     with pytest.raises(AssetError) as caught:
