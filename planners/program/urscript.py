@@ -41,6 +41,8 @@ SETTLING = 1.5
 """How long hands take on the forces with which a lift begins, in the first half linearly [s]."""
 GIVING_ACCELERATION, TURNING_ACCELERATION = 2.0, 15.0
 """With which a hand on the plate begins to give way, or to press on [m/s², rad/s²]."""
+JOINT_ACCELERATION = 80.0
+"""Of any joint while its hand gives way: twice that of a program's own stop [rad/s²]."""
 LEADER = ARMS[0]
 """The arm whose program has law (11): the other hand rises as this one tells, so that both rise alike."""
 CATCHING_UP = 2.0
@@ -411,7 +413,22 @@ class _Writer:
         yield "  global lw_rate = rate"
         yield "  global lw_trim = trim"
         yield "  local moved = p[trim[0], trim[1], trim[2], trim[3], trim[4], trim[5]]"
-        yield "  return get_inverse_kin(pose_add(moved, here), goal)"
+        yield "  local next = get_inverse_kin(pose_add(moved, here), goal)"
+        yield "  # Near a wrist's singularity joints would jerk by what little a hand gives way to a sensor's noise."
+        yield "  local now = get_target_joint_positions()"
+        yield "  local speeds = get_target_joint_speeds()"
+        yield f"  local most = get_steptime() * get_steptime() * {_number(JOINT_ACCELERATION)}"
+        yield "  i = 0"
+        yield "  while i < 6:"
+        yield "    local on = now[i] + get_steptime() * speeds[i]"
+        yield "    if next[i] > on + most:"
+        yield "      next[i] = on + most"
+        yield "    elif next[i] < on - most:"
+        yield "      next[i] = on - most"
+        yield "    end"
+        yield "    i = i + 1"
+        yield "  end"
+        yield "  return next"
         yield "end"
         yield "# Takes the hand to be off the plan by as much as it is: a step begins where the one before ended."
         yield "def lw_take_over(bears, comes):"

@@ -166,6 +166,8 @@ class Intrinsics:
     def get_actual_joint_speeds(self) -> tuple[float, ...]:
         return tuple(self._arm.qd.tolist())
 
+    get_target_joint_speeds = get_actual_joint_speeds
+
     def get_actual_tcp_pose(self) -> Pose:
         return pose_of(self._arm.tcp_pose())
 
