@@ -157,7 +157,7 @@ def _acceleration_consistency(plan: PlanView, settings: CertifySettings) -> Chec
 
 
 def kind_check(evidence: Evidence, rules: KindRules) -> Check:
-    """Check what moves in segments of each kind: bodies in transfers only, fingers alone in grips, and for long enough."""
+    """Check what moves in segments of each kind, bodies in transfers and fingers in grips only, and for how long."""
     finding, join, switching = Finding("kinds", "1"), evidence.settings.join, evidence.settings.switching
     for segment in evidence.plan.segments:
         where = segment.place()
