@@ -206,8 +206,8 @@ class _Writer:
             yield "global SITE_TORQUE_AT_FLANGE = True"
         if self.handshake is Handshake.DIGITAL:
             yield "# Barriers: standard digital output 1 of each controller is wired to digital input 1 of the other."
-            yield "# Have the installation set that output low whenever no program runs: one that was broken off leaves"
-            yield "# it as it was, and the other arm would take that for an answer."
+            yield "# A program that is broken off leaves its output as it is, so that the other arm waits. Set both low before"
+            yield "# programs are loaded again: what was left would be taken for an answer."
             yield "global SITE_OUT = 1"
             yield "global SITE_IN = 1"
         yield ""
@@ -230,8 +230,6 @@ class _Writer:
         if self._is_lift and by_registers:
             yield f"  write_output_float_register({r.lift_speed}, 0)"
         yield f"  stopj({_number(STOP_ACCELERATION)})"
-        if not by_registers:
-            yield "  set_standard_digital_out(SITE_OUT, False)"
         yield "  lw_tell(state)"
         yield '  popup(words, title="Liftwright", error=True, blocking=False)'
         yield "  halt"
@@ -525,8 +523,6 @@ class _Writer:
             yield "# Nobody supervises any more: stop."
             watched = f"input_int_register_{self.registers.heartbeat}"
             yield f'rtde_set_watchdog("{watched}", {_number(HEARTBEAT_RATE)}, "stop")'
-        else:
-            yield "set_standard_digital_out(SITE_OUT, False)"
         yield f"write_output_integer_register({self.registers.step}, 0)"
         yield f"lw_begin_at = {_list(self.schedule.start[self.arm])}"
         yield "lw_now = get_actual_joint_positions()"
@@ -547,6 +543,7 @@ class _Writer:
         yield from self._lift()
         yield f"stopj({_number(STOP_ACCELERATION)})"
         if self.handshake is Handshake.DIGITAL:
+            yield "# Nobody waits for an answer any more: the next program begins with what is left here."
             yield "set_standard_digital_out(SITE_OUT, False)"
         yield f"lw_tell({ProgramState.DONE})"
 
