@@ -206,8 +206,8 @@ class _Writer:
             yield "global SITE_TORQUE_AT_FLANGE = True"
         if self.handshake is Handshake.DIGITAL:
             yield "# Barriers: standard digital output 1 of each controller is wired to digital input 1 of the other."
-            yield "# A program that is broken off leaves its output as it is, so that the other arm waits. Set both low before"
-            yield "# programs are loaded again: what was left would be taken for an answer."
+            yield "# A program that is broken off leaves its output as it is, so that the other arm waits. Set both low"
+            yield "# before programs are loaded again: what was left would be taken for an answer."
             yield "global SITE_OUT = 1"
             yield "global SITE_IN = 1"
         yield ""
