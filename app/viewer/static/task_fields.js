@@ -149,7 +149,7 @@ function fieldsOf(thing, draft, capabilities) {
       ];
     default:
       return [
-        { title: "Name", fields: [{ type: "text", label: "Name", pointer: `${base}/name` }, ...(draft.get("/scene_id") ? [{ type: "text", label: "Name in the scene", pointer: `${base}/detection`, optional: true }] : [])] },
+        { title: "Name", fields: [{ type: "text", label: "Name", pointer: `${base}/name` }, ...(draft.get("/scene_id") && !draft.get("/scene_filled") ? [{ type: "text", label: "Name in the scene", pointer: `${base}/detection`, optional: true }] : [])] },
         { title: "Shape", fields: shapeFields(`${base}/shape`, draft, capabilities.shapes, capabilities) },
         ...(thing.kind === "object" ? [{ title: "Mass", fields: [number("Mass", `${base}/mass`, KILOGRAM), { type: "vector", label: "Centre of mass", pointer: `${base}/com` }] }] : []),
         place,
