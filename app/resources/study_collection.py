@@ -166,7 +166,7 @@ class StudyCollection:
             raise AlreadyFinished(study.state)
         self.store.cancel(self._record(study_id))
         study = self.study(study_id)
-        if study.state != "cancelled":
+        if study.done and study.state != "cancelled":
             raise AlreadyFinished(study.state)
         return study
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -125,12 +125,11 @@ class Study:
         """
         return read_task(self.document_at(index))
 
-    def with_each_value(self) -> Iterator[dict[str, Any]]:
-        """Yield the task as JSON data, as it stands and with each value of each axis: all that any point names."""
-        yield self.spec.task
-        for axis in self.axes:
-            for value in axis.places:
-                yield changed(self.spec.task, [_operation(self.spec.task, axis, value)])
+    def with_each_value(self) -> list[dict[str, Any]]:
+        """Return the task as JSON data, as it stands and with each value of each axis: all that any point names."""
+        task: dict[str, Any] = self.spec.task
+        operations = [_operation(task, axis, value) for axis in self.axes for value in axis.places]
+        return [task, *(changed(task, [operation]) for operation in operations)]
 
     def _strange_values(self, number: int) -> list[Problem]:
         """Say which values of an axis no task may have; with two axes, beside the first value of the other."""

@@ -65,7 +65,10 @@ def test_whoever_examines_is_given_what_any_point_names() -> None:
     body["objects"][0]["shape"] = {"type": "mesh", "upload": meshes[0]}
     axes = [{"pointer": "/objects/0/shape/upload", "values": meshes}, {"pointer": "/cell", "values": cells}]
     study = Study.read({"task": body, "axes": axes})
-    parts = TaskParts(*cast(Any, (Named(), Named()))).named_by(study.with_each_value())
+    store, each = TaskParts(*cast(Any, (Named(), Named()))), study.with_each_value()
+    # Asked again, as after a loss of the database, the same is named.
+    parts = store.named_by(each)
+    assert store.named_by(each) == parts
     points = [study.document_at(index) for index in range(study.count)]
     assert set(parts.meshes) == frozenset().union(*map(named_uploads, points)) == set(meshes)
     assert set(parts.cell_folders) == {str(point["cell"]) for point in points} - {"dual_ur3e_tool"}
