@@ -7,7 +7,7 @@ posture is kept, so joints move continuously if and only if the branch does.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -35,6 +35,8 @@ ALL_POSTURES = (1 << 64) - 1
 """The set of all postures of a hold."""
 _BLOCK = 8
 """Poses that a thread looks at in one go."""
+_MOST_PLACES = 2048
+"""So many poses of holds are remembered with their joint axes, the last that were asked for: some kilobytes each."""
 Hand = Literal["grip", "push"]
 """Which of the two hands."""
 
@@ -54,6 +56,30 @@ class HoldKernel(NamedTuple):
     """(hand poses, 4, 4)"""
     postures: np.uint64
     """Those that are asked for, as a bit set."""
+
+
+class _JointAxes(NamedTuple):
+    """The joints of a hold's postures at one pose of the plate: of those whose branch reaches it within the limits."""
+
+    postures: NDArray[np.int64]
+    """(n,) rising."""
+    positions: Array
+    """(n, 6) [rad]"""
+    points: Array
+    """(n, 6, 3) on each joint's axis, in the world [m]."""
+    directions: Array
+    """(n, 6, 3) of each joint's axis, in the world."""
+
+
+@dataclass(slots=True)
+class _Place:
+    """A hold at a pose of the plate, and what is known of its postures there."""
+
+    axes: _JointAxes
+    free: int = 0
+    """Bit set of those that are free of collision."""
+    touching: int = 0
+    """Bit set of those that are not."""
 
 
 class Closeness(IntEnum):
@@ -236,7 +262,8 @@ class HandReach:
         """Return the least torque load of the postures in the set that reach a pose and are free of collision [Nm].
 
         It is the sum of |J^T F| over the joints for the hand's contact wrenches; infinite if there is no such posture.
-        Not for two threads at once.
+        A hold is asked for with many wrenches at a pose, one for each hold of the other hand: where its joints are, and
+        which postures touch something, is remembered. Not for two threads at once.
 
         Args:
             T_world_plate: (4, 4).
@@ -246,9 +273,43 @@ class HandReach:
             point: (3,) in the world.
             known: bit set of postures that are known to reach the pose and to be free.
         """
-        queries, q = (self.alone.own_kernel, self.hand_only.own_kernel), self.start_positions.copy()
-        force = self.arm.T_world_base, wrench, point
-        return float(_least_load(self.asked(hold, postures), np.uint64(known), queries, T_world_plate, force, q))
+        place = self._place(T_world_plate, hold)
+        place.free |= known
+        while True:
+            # To weigh all postures is cheaper than to look for collisions.
+            row, load = _least_loaded(place.axes, np.uint64(postures & ~place.touching), wrench, point)
+            if row < 0 or place.free >> int(place.axes.postures[row]) & 1:
+                return load
+            self._look_for_collisions(place, row, T_world_plate)
+
+    @cached_property
+    def _places(self) -> OrderedDict[tuple[bytes, int], _Place]:
+        return OrderedDict()
+
+    def _place(self, T_world_plate: Transform, hold: int) -> _Place:
+        """Return a hold at a plate pose (4, 4), with what is known of it."""
+        key, places = (T_world_plate.tobytes(), hold), self._places
+        place = places.get(key)
+        if place is None:
+            arrays = _joint_axes(self.kernel, self.arm.T_world_base, self.T_plate_flange[hold], T_world_plate)
+            place = places[key] = _Place(_JointAxes(*arrays))
+            if len(places) > _MOST_PLACES:
+                places.popitem(last=False)
+        else:
+            places.move_to_end(key)
+        return place
+
+    def _look_for_collisions(self, place: _Place, row: int, T_world_plate: Transform) -> None:
+        """Find out whether a posture of a place, by its row there, is free of collision."""
+        posture, q = int(place.axes.postures[row]), self.start_positions.copy()
+        q[self.joints] = place.axes.positions[row]
+        if _collisions_at(self.alone.own_kernel, T_world_plate[None], q)[0] < 0:
+            place.free |= 1 << posture
+            return
+        place.touching |= 1 << posture
+        if _collisions_at(self.hand_only.own_kernel, T_world_plate[None], q)[0] >= 0:
+            # The hand stands where it does whichever branch the arm is in.
+            place.touching |= 255 << posture // BRANCHES * BRANCHES
 
     def torque_shares(
         self, T_world_plates: Array, hold: int, postures: int, wrenches: Array, points: Array, gravity: Array
@@ -425,45 +486,49 @@ def _track(hold, placed, T_world_plates, T_world_carriers, q):
 
 
 @njit(cache=True, nogil=True)
-def _least_load(hold, known, queries, T_world_plate, force, q):
-    """Return the least load of the postures that reach; to weigh them all is cheaper than to look for collisions."""
-    (dh, T_base_world, lo, hi, first_joint), T_plate_flange, postures = hold
-    T_world_base, wrench, point = force
-    (kernel, frame), (hand, hand_frame) = queries
-    loads, solutions, frames = np.full(64, np.inf), np.empty((8, 8, 6)), np.empty((7, 4, 4))
+def _joint_axes(arm, T_world_base, T_plate_flange, T_world_plate):
+    """Return the fields of the `_JointAxes` of a hold, with hand poses (v, 4, 4), at a plate pose (4, 4)."""
+    dh, T_base_world, lo, hi, _ = arm
+    most, count = 8 * T_plate_flange.shape[0], 0
+    postures, positions = np.empty(most, np.int64), np.empty((most, 6))
+    points, directions = np.empty((most, 6, 3)), np.empty((most, 6, 3))
+    solutions, frames = np.empty((8, 6)), np.empty((7, 4, 4))
     T_base_plate, T_base_flange = np.empty((4, 4)), np.empty((4, 4))
     multiply(T_base_world, T_world_plate, T_base_plate)
     for v in range(T_plate_flange.shape[0]):
-        branches = np.int64((postures >> np.uint64(8 * v)) & np.uint64(255))
-        if branches == 0:
-            continue
         multiply(T_base_plate, T_plate_flange[v], T_base_flange)
-        branches &= inverse_kinematics(dh, T_base_flange, 0.0, solutions[v])
+        branches = inverse_kinematics(dh, T_base_flange, 0.0, solutions)
         for branch in range(8):
-            if (branches >> branch) & 1 and within_limits(solutions[v, branch], lo, hi):
-                link_frames(dh, T_world_base, solutions[v, branch], frames)
-                loads[8 * v + branch] = 0.0
+            if (branches >> branch) & 1 and within_limits(solutions[branch], lo, hi):
+                link_frames(dh, T_world_base, solutions[branch], frames)
+                postures[count] = 8 * v + branch
+                positions[count] = solutions[branch]
                 for i in range(6):
-                    # The wrench's torque about a point of the joint's axis, along the axis.
-                    x, y, z = point[0] - frames[i, 0, 3], point[1] - frames[i, 1, 3], point[2] - frames[i, 2, 3]
-                    torque = frames[i, 0, 2] * (wrench[3] + y * wrench[2] - z * wrench[1])
-                    torque += frames[i, 1, 2] * (wrench[4] + z * wrench[0] - x * wrench[2])
-                    torque += frames[i, 2, 2] * (wrench[5] + x * wrench[1] - y * wrench[0])
-                    loads[8 * v + branch] += abs(torque)
-    scratch = make_scratch(kernel)
-    set_frame(kernel, frame, T_world_plate)
-    set_frame(hand, hand_frame, T_world_plate)
-    while True:
-        least = np.argmin(loads)
-        if loads[least] == np.inf or (known >> np.uint64(least)) & np.uint64(1):
-            return loads[least]
-        q[first_joint : first_joint + 6] = solutions[least // 8, least % 8]
-        if first_collision(kernel, q, scratch) < 0:
-            return loads[least]
-        loads[least] = np.inf
-        if first_collision(hand, q, make_scratch(hand)) >= 0:
-            # The hand stands where it does whichever branch the arm is in.
-            loads[8 * (least // 8) : 8 * (least // 8) + 8] = np.inf
+                    points[count, i] = frames[i, :3, 3]
+                    directions[count, i] = frames[i, :3, 2]
+                count += 1
+    return postures[:count].copy(), positions[:count].copy(), points[:count].copy(), directions[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _least_loaded(axes, asked, wrench, point):
+    """Return the row of the least loaded of the postures that are asked for, -1 if there is none, and its load."""
+    postures, _, points, directions = axes
+    found, least = -1, np.inf
+    for row in range(len(postures)):
+        if not (asked >> np.uint64(postures[row])) & np.uint64(1):
+            continue
+        load = 0.0
+        for i in range(6):
+            # The wrench's torque about a point of the joint's axis, along the axis.
+            x, y, z = point[0] - points[row, i, 0], point[1] - points[row, i, 1], point[2] - points[row, i, 2]
+            torque = directions[row, i, 0] * (wrench[3] + y * wrench[2] - z * wrench[1])
+            torque += directions[row, i, 1] * (wrench[4] + z * wrench[0] - x * wrench[2])
+            torque += directions[row, i, 2] * (wrench[5] + x * wrench[1] - y * wrench[0])
+            load += abs(torque)
+        if load < least:
+            found, least = row, load
+    return found, least
 
 
 @njit(cache=True, nogil=True)
