@@ -27,6 +27,12 @@ class NeededHands:
         """Tell whether a cell with so many hands of each kind has them."""
         return (grippers, sticks) == (self.grippers, self.sticks)
 
+    def of_shipped(self) -> dict[str, bool]:
+        """Return of every shipped cell, by its name, whether it has them; none is loaded for it."""
+        kinds = _kinds_of_hands()
+        sticks = {name: hands.count("stick") for name, hands in kinds.items()}
+        return {name: self.fit(len(hands) - sticks[name], sticks[name]) for name, hands in kinds.items()}
+
     def refusal(self, name: str, fitting: Sequence[str], *, known: bool) -> SceneError:
         """Return what a task that names a cell without them is refused with.
 
@@ -50,12 +56,10 @@ def check_shipped(name: str, needed: NeededHands) -> None:
     Raises:
         SceneError: There is none of this name, or it has other hands; with the names of those that have such.
     """
-    kinds = _kinds_of_hands()
-    fitting = [
-        known for known, hands in kinds.items() if needed.fit(len(hands) - hands.count("stick"), hands.count("stick"))
-    ]
+    shipped = needed.of_shipped()
+    fitting = [known for known, fits in shipped.items() if fits]
     if name not in fitting:
-        raise needed.refusal(name, fitting, known=name in kinds)
+        raise needed.refusal(name, fitting, known=name in shipped)
 
 
 class _Hand(BaseModel):

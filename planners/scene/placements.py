@@ -70,14 +70,20 @@ def find_cell(name: str, cells: Mapping[str, Cell] | None, needed: NeededHands) 
         SceneError: There is none, or it does not fit; with the names of those that do.
     """
     known = known_cells() if cells is None else cells
-    find = load_cell if cells is None else cells.__getitem__
 
-    def fits(cell: Cell) -> bool:
-        return needed.fit(len(cell.gripper_arms), len(cell.pusher_arms))
+    def find(other: str) -> Cell | None:
+        # Of others' cells one may be deleted while they are looked through.
+        return load_cell(other) if cells is None else cells.get(other)
+
+    def fits(cell: Cell | None) -> bool:
+        return cell is not None and needed.fit(len(cell.gripper_arms), len(cell.pusher_arms))
 
     found = find(name) if name in known else None
     if found is None or not fits(found):
-        raise needed.refusal(name, [other for other in known if fits(find(other))], known=found is not None)
+        # Shipped cells take long to load, and need not be.
+        shipped = needed.of_shipped()
+        fitting = [other for other in known if (shipped[other] if other in shipped else fits(find(other)))]
+        raise needed.refusal(name, fitting, known=found is not None)
     return found
 
 

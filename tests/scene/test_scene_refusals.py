@@ -12,6 +12,7 @@ from planners.cell.needed_hands import FOR_LIFT, FOR_TOOL, check_shipped
 from planners.contract.problems import problems_of
 from planners.contract.task_spec import read_task
 from planners.errors import SceneError
+from planners.scene import placements
 from planners.scene.scene import build_scene, cell_of
 
 ROOT = Path(__file__).parents[2]
@@ -70,6 +71,29 @@ def test_the_files_alone_refuse_the_cells_that_whoever_loads_them_refuses(name, 
     assert refusal == told(lambda: cell_of(spec, cells))
     if name in MEANT:
         assert (MEANT[name] in refusal[2]) == refusal[1].endswith(f"did you mean {MEANT[name]}?")
+
+
+def test_no_shipped_cell_is_loaded_to_say_which_ones_there_are(monkeypatch):
+    """A service that has just begun would be waited for."""
+    task = read_task(body_of({"with": {"/cell": "moon_base"}}))
+
+    def load(name):
+        pytest.fail(f"{name} was loaded")
+
+    monkeypatch.setattr(placements, "load_cell", load)
+    with pytest.raises(SceneError) as caught:
+        cell_of(task)
+    assert "dual_ur3e_lift" in caught.value.allowed
+
+
+def test_a_cell_that_is_deleted_while_it_is_looked_for_is_one_that_there_is_not(cells):
+    class Deleting(dict):
+        def __contains__(self, name):
+            return True
+
+    task = read_task(body_of({"with": {"/cell": "moon_base"}}))
+    with pytest.raises(SceneError, match="there is no cell moon_base"):
+        cell_of(task, Deleting(cells))
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case["story"] for case in CASES])
