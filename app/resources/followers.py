@@ -13,6 +13,7 @@ from starlette.types import Receive, Scope, Send
 from app.access.caller import Caller
 from app.errors import TooManyFollowers
 from app.resources.plan_feed import PlanFeed, wait_for_end
+from app.server.leaving import leaving_of, unless_leaving, until_leaving
 
 Holder = TypeVar("Holder", bound=Hashable)
 
@@ -44,21 +45,27 @@ class Followers:
         admitted = self._following.total() < self.most and self._following[owner] < of_owner
         return counted(self._following, owner, admitted=admitted)
 
-    async def wait_for_end(self, caller: Caller, feed: PlanFeed, followed_id: str, seconds: float) -> None:
-        """Wait until a job or study has ended, so long at most [s].
+    async def wait_for_end(
+        self, caller: Caller, feed: PlanFeed, followed_id: str, seconds: float, scope: Scope
+    ) -> None:
+        """Wait until a job or study has ended, so long at most [s], and until the server of the request's scope stops.
 
         That is a caller's preference: without a place it is not followed, and what was posted is accepted all the same.
         """
         with self.place(caller) as admitted:
-            await wait_for_end(feed, followed_id, seconds if admitted else 0.0)
+            waited = wait_for_end(feed, followed_id, seconds if admitted else 0.0)
+            await unless_leaving(leaving_of(scope), waited)
 
 
 class EventStream(StreamingResponse):
-    """Server-sent events, for a caller who takes a place for as long as they are sent."""
+    """Server-sent events, for a caller who takes a place for as long as they are sent: until the server stops at most.
+
+    Whoever was cut off so comes again, and resumes.
+    """
 
     def __init__(self, events: AsyncIterator[bytes], followers: Followers, caller: Caller) -> None:
         super().__init__(events, media_type="text/event-stream", headers={"Cache-Control": "no-store"})
-        self._followers, self._caller = followers, caller
+        self._events, self._followers, self._caller = events, followers, caller
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send it.
@@ -69,4 +76,5 @@ class EventStream(StreamingResponse):
         with self._followers.place(self._caller) as admitted:
             if not admitted:
                 raise TooManyFollowers(self._followers.most, self._followers.most_of_owner)
+            self.body_iterator = until_leaving(leaving_of(scope), self._events)
             await super().__call__(scope, receive, send)

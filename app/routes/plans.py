@@ -96,7 +96,7 @@ async def post_plan(
     headers = {"Location": plan.links.self}
     if wait is not None:
         seconds = min(wait, settings.max_wait_seconds)
-        await followers_of(request).wait_for_end(caller_of(request), feed, plan.id, seconds)
+        await followers_of(request).wait_for_end(caller_of(request), feed, plan.id, seconds, request.scope)
         plan = await run_in_threadpool(plans.plan, plan.id)
         if plan.done:
             answer = PostedPlan(**plan.model_dump(), warnings=warnings)

@@ -80,7 +80,7 @@ async def post_study(
     headers = {"Location": study.links.self}
     if wait is not None:
         seconds = min(wait, settings.max_wait_seconds)
-        await followers_of(request).wait_for_end(caller_of(request), feed, study.id, seconds)
+        await followers_of(request).wait_for_end(caller_of(request), feed, study.id, seconds, request.scope)
         study = await run_in_threadpool(studies.study, study.id)
         if study.done:
             return plan_response(study, 200, {**headers, "Preference-Applied": f"wait={wait}"})

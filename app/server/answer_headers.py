@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 import uuid
 
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.server.leaving import EXTENSION
 
 REQUEST_ID = "X-Request-ID"
 BROWSER_HEADERS = {
@@ -23,17 +26,21 @@ _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 class AnswerHeaders:
     """ASGI middleware around all others: takes the caller's request id, or makes one, and answers with it.
 
-    Also what is answered where nothing else is any more, or not yet, passes here: errors of ours, and a start.
+    Also what is answered where nothing else is any more, or not yet, passes here: errors of ours, and a start. Requests
+    learn here that their server stops.
     """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
+        self.leaving = asyncio.Event()
+        """Set by a server that stops."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        scope = {**scope, "extensions": {**scope.get("extensions", {}), EXTENSION: self.leaving}}
         given = Headers(scope=scope).get(REQUEST_ID, "")
         request_id = given if _ID.fullmatch(given) else uuid.uuid4().hex
 

@@ -17,7 +17,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from uvicorn.server import Server, ServerState
 
-from app.server.answer_headers import BROWSER_HEADERS
+from app.server.answer_headers import BROWSER_HEADERS, AnswerHeaders
 from app.server.unsent import Unsent
 
 MOST_DESCRIPTORS = 65_536
@@ -228,12 +228,18 @@ def _is_gone(connection: asyncio.Protocol) -> bool:
 
 
 class GuardedServer(Server):
-    """Tells once in a while, and no more often, that no connection can be taken."""
+    """Tells once in a while, and no more often, that no connection can be taken; tells requests that it stops."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to listen."""
         asyncio.get_running_loop().set_exception_handler(AcceptFailures())
         await super().startup(sockets)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop, once those who wait in requests for long have been told."""
+        if isinstance(self.config.app, AnswerHeaders):
+            self.config.app.leaving.set()
+        await super().shutdown(sockets)
 
 
 class AcceptFailures:
