@@ -133,11 +133,12 @@ def with_scene(body: Any, cells: Mapping[str, Cell], scenes: SceneFinder) -> Any
     scene = scenes(scene_id) if isinstance(scene_id, str) else None
     if scene is None:
         raise SceneError("/scene_id", "there is no such scene; POST a scan to /v1/scenes")
-    if scene.cell not in cells:
+    cell = cells.get(scene.cell)
+    if cell is None:
         raise SceneError("/scene_id", f"the scene was perceived in the cell {scene.cell}, which there is not")
     # Scenes that are older than versions in their names say the cell's own.
     scene = scene.model_copy(update={"cell": _lasting_name(scene.cell, cells)})
-    return fill_from_scene(body, scene, cells[scene.cell])
+    return fill_from_scene(body, scene, cell)
 
 
 def _lasting_name(name: str, cells: Mapping[str, Cell]) -> str:

@@ -65,7 +65,7 @@ class EventStream(StreamingResponse):
 
     def __init__(self, events: AsyncIterator[bytes], followers: Followers, caller: Caller) -> None:
         super().__init__(events, media_type="text/event-stream", headers={"Cache-Control": "no-store"})
-        self._events, self._followers, self._caller = events, followers, caller
+        self._followers, self._caller = followers, caller
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send it.
@@ -76,5 +76,5 @@ class EventStream(StreamingResponse):
         with self._followers.place(self._caller) as admitted:
             if not admitted:
                 raise TooManyFollowers(self._followers.most, self._followers.most_of_owner)
-            self.body_iterator = until_leaving(leaving_of(scope), self._events)
+            self.body_iterator = until_leaving(leaving_of(scope), self.body_iterator)
             await super().__call__(scope, receive, send)

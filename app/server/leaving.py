@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable
+from collections.abc import AsyncIterable, AsyncIterator, Awaitable
 from typing import TypeVar
 
 from starlette.types import Scope
@@ -30,11 +30,12 @@ async def unless_leaving(leaving: asyncio.Event, waited: Awaitable[Waited]) -> W
         await asyncio.gather(asked, left, return_exceptions=True)
 
 
-async def until_leaving(leaving: asyncio.Event, pieces: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+async def until_leaving(leaving: asyncio.Event, pieces: AsyncIterable[Waited]) -> AsyncIterator[Waited]:
     """Yield the pieces of a stream until the server stops."""
+    coming = aiter(pieces)
     while True:
         try:
-            piece = await unless_leaving(leaving, anext(pieces))
+            piece = await unless_leaving(leaving, anext(coming))
         except StopAsyncIteration:
             return
         if piece is None:

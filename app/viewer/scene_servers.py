@@ -464,9 +464,10 @@ class SceneServers:
 
 
 def _cell_in(cells: Mapping[str, Cell], name: str) -> Cell:
-    if name not in cells:
+    cell = cells.get(name)
+    if cell is None:
         raise CellNotDrawn(name, sorted(cells))
-    return cells[name]
+    return cell
 
 
 def _plan_of(document: StoredDocument) -> Plan:

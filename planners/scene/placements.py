@@ -69,19 +69,20 @@ def find_cell(name: str, cells: Mapping[str, Cell] | None, needed: NeededHands) 
     Raises:
         SceneError: There is none, or it does not fit; with the names of those that do.
     """
-    known = known_cells() if cells is None else cells
 
     def find(other: str) -> Cell | None:
         # Of others' cells one may be deleted while they are looked through.
-        return load_cell(other) if cells is None else cells.get(other)
+        if cells is not None:
+            return cells.get(other)
+        return load_cell(other) if other in known_cells() else None
 
     def fits(cell: Cell | None) -> bool:
         return cell is not None and needed.fit(len(cell.gripper_arms), len(cell.pusher_arms))
 
-    found = find(name) if name in known else None
+    found = find(name)
     if found is None or not fits(found):
         # Shipped cells take long to load, and need not be.
-        shipped = needed.of_shipped()
+        shipped, known = needed.of_shipped(), known_cells() if cells is None else cells
         fitting = [other for other in known if (shipped[other] if other in shipped else fits(find(other)))]
         raise needed.refusal(name, fitting, known=found is not None)
     return found
