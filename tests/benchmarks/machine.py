@@ -18,6 +18,12 @@ ROOT = Path(__file__).resolve().parents[2]
 LIBRARIES = (
     "numpy", "numba", "scipy", "clarabel", "ompl", "pin", "coal", "python-fcl", "cvxpy", "networkx", "dbos", "fastapi",
 )  # fmt: skip
+MEASURED = (
+    *("app", "planners", "workers", "assets", "tests/benchmarks"),
+    *("pyproject.toml", "constraints.txt", "Dockerfile", "docker-compose.yml"),
+    *(":!tests/benchmarks/RESULTS.md", ":!tests/benchmarks/*.svg"),
+)
+"""What figures depend on, as Git's path specifications; what is written here depends on it."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +55,15 @@ class Circumstances:
 
 
 def commit() -> str:
-    """Return the commit, and whether tracked files, what benchmarks write aside, differ from it."""
-    head = _git("rev-parse", "HEAD")
-    if not head:
+    """Return the last commit that changed what is measured or measures, and whether there are changes since.
+
+    Texts and other tests change no figure, so parts that were measured before and after those are of one commit.
+    """
+    last = _git("log", "-1", "--format=%h", "--abbrev=12", "--", *MEASURED)
+    if not last:
         return "unknown"
-    written = (":!tests/benchmarks/RESULTS.md", ":!tests/benchmarks/*.svg")
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", *written)
-    return f"{head[:12]}{' with uncommitted changes' if changed else ''}"
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", *MEASURED)
+    return f"{last}{' with uncommitted changes' if changed else ''}"
 
 
 def _git(*words: str) -> str:

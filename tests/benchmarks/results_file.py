@@ -8,8 +8,8 @@ from pathlib import Path
 
 NAME = "RESULTS.md"
 HEADING = (
-    "# Benchmark results\n\nWritten by `make bench`, part by part; each part names the commit, the machine and "
-    "the load it was measured with. Times are wall clock unless they are called CPU."
+    "# Benchmark results\n\nWritten by `make bench`, part by part; each part names the latest commit that changed what "
+    "figures depend on, the machine and the load it was measured with. Times are wall clock unless they are called CPU."
 )
 QUICK = "**A quick run, to see that everything works: these figures mean nothing.**"
 
