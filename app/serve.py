@@ -227,7 +227,13 @@ def _keep_process(told: Mapping[str, Any], sockets: Sequence[socket.socket], end
     descriptors = [each.fileno() for each in sockets]
     command = (sys.executable, "-m", "app.serve", *map(str, descriptors))
     while not ending.is_set():
-        process = subprocess.Popen(command, pass_fds=descriptors, stdin=subprocess.PIPE)
+        try:
+            process = subprocess.Popen(command, pass_fds=descriptors, stdin=subprocess.PIPE)
+        except OSError as error:
+            # The machine is short of processes or memory; the others answer meanwhile.
+            log.error("an API process could not be started, and is tried again", error=str(error))
+            ending.wait(PROCESS_LOOK_SECONDS)
+            continue
         assert process.stdin is not None
         # It ends when its stdin does: with this process, however that ends.
         with suppress(BrokenPipeError):

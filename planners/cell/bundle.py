@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import lzma
+import os
 import re
 import stat
 import tempfile
@@ -226,7 +227,11 @@ class CellBundle:
             for name, content in self.files.items():
                 path = whole / name
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(content)
+                with path.open("wb") as stream:
+                    stream.write(content)
+                    stream.flush()
+                    # The name is taken for whole ever after: no loss of power may leave it without its content.
+                    os.fsync(stream.fileno())
             try:
                 whole.replace(place)
             except OSError:

@@ -117,6 +117,12 @@ class ProgramState(IntEnum):
     WRONG_START = 3
     OVERLOAD = 4
     STOPPED = 5
+    FOREIGN = -1
+    """What some other program has left in the register: no program of a plan has told anything yet."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> ProgramState:
+        return cls.FOREIGN
 
 
 SITE_FUNCTIONS = ("site_fingers", "site_vacuum")

@@ -286,3 +286,16 @@ def test_a_question_that_hangs_costs_one_thread_and_no_more_than_its_time() -> N
     assert len(asked) == 1
     assert question.within(5.0) == "answer"
     assert len(asked) == 2
+
+
+def test_a_question_that_had_no_room_for_a_thread_can_be_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    question = PatientQuestion(lambda: "answer")
+
+    def refuse(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as short:
+        short.setattr(threading.Thread, "start", refuse)
+        with pytest.raises(RuntimeError, match="new thread"):
+            question.within(5.0)
+    assert question.within(5.0) == "answer"

@@ -22,13 +22,15 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 class Work:
     """Fails as it is told, as often as it is told."""
 
-    def __init__(self, error: BaseException, failures: int) -> None:
+    def __init__(self, error: BaseException, failures: int, *, first: BaseException | None = None) -> None:
+        """`first`: what it fails with at first, if not with the same."""
         self.error, self.failures, self.times = error, failures, 0
+        self.first = first or error
 
     async def __call__(self) -> None:
         self.times += 1
         if self.times <= self.failures:
-            raise self.error
+            raise self.first if self.times == 1 else self.error
 
 
 def supervised(work: Work, holds: Callable[[Supervisor], bool]) -> None:
@@ -86,6 +88,18 @@ def test_a_database_that_is_away_is_waited_for_and_nothing_is_stuck(kind: type[e
 
     def watched(supervisor: Supervisor) -> bool:
         assert supervisor.stuck == []
+        return work.times >= 5
+
+    supervised(work, watched)
+
+
+def test_an_odd_failure_before_the_database_goes_away_does_not_count_for_as_long_as_that_lasts() -> None:
+    """As when a server is failed over: one transaction ends oddly, then nobody answers."""
+    work = Work(exc.OperationalError("", {}, Exception("away")), 5, first=ValueError("odd"))
+
+    def watched(supervisor: Supervisor) -> bool:
+        # After its next try the first failure is over.
+        assert supervisor.stuck == [] or work.times == 1
         return work.times >= 5
 
     supervised(work, watched)

@@ -24,9 +24,10 @@ from planners.progress import Report
 from tests.support.service import FAKE_SOLVER, ROOT, wait_for
 from workers.settings import SOLVER_COMMAND
 from workers.solver import pool as pool_module
+from workers.solver.examiner_pool import ExaminerPool
 from workers.solver.pool import LOADING, OnReport, SolverCommand, SolverDied, SolverFault, SolverPool, SolverProcess
 from workers.solver.process import COMPILE
-from workers.solver.protocol import SolverRequest
+from workers.solver.protocol import SolverRequest, StudyRequest
 from workers.solver.warm_up import CACHE_VARIABLE
 from workers.stores.plan_store import PackedDocument
 
@@ -154,9 +155,9 @@ def test_a_pool_whose_solvers_cannot_be_started_tells_each_job_so_and_closes(mon
     asyncio.run(run())
 
 
-def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool_module, "START_PAUSES_SECONDS", (0.05, 0.05))
-    start, refusals = asyncio.create_subprocess_exec, 3
+def short_of_processes(monkeypatch: pytest.MonkeyPatch, refusals: int) -> None:
+    """Refuse to start the next so many processes."""
+    start = asyncio.create_subprocess_exec
 
     async def refuse_some(*words: str, **options: Any) -> asyncio.subprocess.Process:
         nonlocal refusals
@@ -165,8 +166,14 @@ def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypa
             raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
         return await start(*words, **options)
 
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse_some)
+
+
+def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pool_module, "START_PAUSES_SECONDS", (0.05, 0.05))
+
     async def run() -> PackedDocument:
-        monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse_some)
+        short_of_processes(monkeypatch, 3)
         pool = await opened_pool()
         try:
             return await pool.solve(request("now"), ignore)
@@ -175,6 +182,29 @@ def test_a_machine_that_is_short_of_processes_for_a_moment_costs_no_job(monkeypa
 
     assert asyncio.run(run()).outcome == "solved"
 
+
+def test_points_of_a_study_are_examined_once_the_machine_has_room_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A start that fails is no fault of the point that would have been examined."""
+    monkeypatch.setattr(pool_module, "START_PAUSES_SECONDS", (0.05, 0.05))
+    points: list[object] = []
+
+    async def keep(point: dict[str, object]) -> None:
+        points.append(point)
+
+    async def run() -> None:
+        short_of_processes(monkeypatch, 2)
+        pool = ExaminerPool(SolverCommand(("sh", "-c", EXAMINER), {}))
+        try:
+            await pool.examine(StudyRequest({}, [0]), keep)
+        finally:
+            await pool.close()
+
+    asyncio.run(run())
+    assert points == [{"index": 0}]
+
+
+EXAMINER = """echo '{}'; read request; echo '{"point": {"index": 0}}'; echo '{"examined": true}'; exec sleep 600"""
+"""What stands for a process that examines points."""
 
 LINGERING = """setsid sh -c "echo '{}'; exec sleep 1" & exec sleep 600"""
 """What says that it is ready has the same stdout, and is in no group that is ended."""
@@ -195,6 +225,24 @@ def test_a_process_is_waited_for_however_often_who_ends_it_is_cancelled() -> Non
         assert not child.alive
 
     # What was left open would be told of, as a warning that is an error.
+    asyncio.run(run())
+
+
+@pytest.mark.slow
+def test_a_slot_is_got_ready_again_however_often_its_job_is_cancelled() -> None:
+    async def run() -> None:
+        pool = SolverPool(SolverCommand(("sh", "-c", LINGERING), {}), slots=1)
+        pool.open()
+        await pool.loaded()
+        job = asyncio.create_task(pool.solve(request("never"), ignore))
+        for _ in range(3):
+            await asyncio.sleep(0.1)
+            job.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await job
+        assert await pool.loaded() == 1
+        await pool.close()
+
     asyncio.run(run())
 
 

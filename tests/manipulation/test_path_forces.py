@@ -5,14 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+import trimesh
 
 from app.viewer.editor.feasibility import LastPath
 from planners.cell.cell import Cell, load_cell
 from planners.contract.task_spec import PlateLiftTask, read_task
+from planners.geometry.solid_mesh import take_mesh
 from planners.manipulation.statics.path_forces import PathFails, PathForces, PathHolds
 from planners.manipulation.statics.reserves import STEPS
 from planners.plan.plan import Plan
 from planners.scene.scene import build_scene
+from planners.scene.shape_source import no_uploads
 from tests.support.plan_shelf import PlanShelf
 from tests.support.service import task
 
@@ -72,7 +75,7 @@ def test_what_is_said_to_be_missing_is_what_helps(forces: PathForces, cell: Cell
 
 
 def test_a_path_is_judged_where_forces_alone_have_changed(plan: Plan, cell: Cell) -> None:
-    path, body = LastPath(plan, {cell.name: cell}), task("pb1.json")
+    path, body = LastPath(plan, {cell.name: cell}, no_uploads), task("pb1.json")
     same = path.judge(body)
     assert same is not None
     assert same.holds
@@ -84,3 +87,13 @@ def test_a_path_is_judged_where_forces_alone_have_changed(plan: Plan, cell: Cell
     assert path.judge({**body, "cup": {**body["cup"], "position": [9.0, 0.0]}}) is None
     assert path.judge(task("domino_pile.json")) is None
     assert path.judge("no task") is None
+
+
+def test_a_path_is_judged_where_an_upload_stands_aside(plan: Plan, cell: Cell) -> None:
+    cube = take_mesh(trimesh.creation.box((0.05, 0.05, 0.05)).export(file_type="stl"), "stl")
+    aside = {"name": "aside", "shape": {"type": "mesh", "upload": "a" * 32}, "pose": [0.3, -0.8, 1.2, 1, 0, 0, 0]}
+    body = {**task("pb1.json"), "obstacles": [aside]}
+    path = LastPath(plan.model_copy(update={"task": read_task(body)}), {cell.name: cell}, {"a" * 32: cube}.get)
+    judged = path.judge(body)
+    assert judged is not None
+    assert judged.holds

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from script_client import ScriptClient
 
 from planners.kinematics.forward import flange_pose
+from planners.program.urscript import ProgramState
 from tests.support.controller.arm import Arm, ArmLimits, SafetyMode
 from tests.support.controller.controller import Configuration
 from tests.support.controller.intrinsics import Intrinsics, Registers, matrix_of, pose_of
@@ -229,3 +230,11 @@ def test_a_client_that_talks_nonsense_is_let_go_and_others_are_served(controller
     with socket.create_connection((host, 30004), timeout=5) as stranger:
         stranger.sendall(b"\x00\x04U\x09")
         assert stranger.recv(10) == b""
+
+
+@pytest.mark.parametrize("value", [-7, 6, 2**31 - 1])
+def test_what_another_program_left_in_the_register_is_no_state_of_a_plan(value: int) -> None:
+    """It must not break off what looks at the arm, least of all what stops it."""
+    state = ProgramState(value)
+    assert state is ProgramState.FOREIGN
+    assert state not in [ProgramState(each) for each in range(6)]

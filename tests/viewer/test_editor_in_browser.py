@@ -215,6 +215,26 @@ def test_a_task_is_made_by_mouse_alone_from_an_empty_scene(open_drawn: Callable[
 
 
 @pytest.mark.slow
+def test_a_change_is_judged_though_the_one_before_could_not_be(open_page: Callable[..., Page]) -> None:
+    page = open_page("")
+    wait_for_verdict(page, accepted=False)
+    for answer in ("refused", "fault"):
+        page.evaluate(
+            "(type) => { const { connection } = editor, send = connection.send.bind(connection);"
+            " connection.send = (request) => (request.type === 'judge'"
+            " ? connection.receive({ type, request: 'judge', detail: 'The database is away.' }) : send(request));"
+            " editor.judge(); connection.send = send; }",
+            answer,
+        )
+        assert not page.evaluate("editor.judging")
+    expect(page.locator("#message")).to_contain_text("The database is away.")
+    # It was said of what was asked for before.
+    page.locator("#add-plate").click()
+    expect(page.locator("#message")).to_be_empty()
+    page.context.close()
+
+
+@pytest.mark.slow
 def test_what_is_written_is_not_undone_by_a_move_that_was_asked_for_before(open_page: Callable[..., Page]) -> None:
     page = open_page("")
     wait_for_verdict(page, accepted=False)

@@ -31,7 +31,11 @@ class PatientQuestion(Generic[Reply]):
             if self._asked is not None and not self._is_old(self._asked):
                 return self._asked
             asked = self._asked = Future[Reply]()
-        threading.Thread(target=self._answer, args=(asked,), name="question", daemon=True).start()
+        try:
+            threading.Thread(target=self._answer, args=(asked,), name="question", daemon=True).start()
+        except RuntimeError as error:
+            # There is no room for a thread now; the next who asks tries again.
+            asked.set_exception(error)
         return asked
 
     def within(self, seconds: float) -> Reply:

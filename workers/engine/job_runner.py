@@ -9,13 +9,13 @@ from functools import partial
 
 import sqlalchemy as sa
 import structlog
-from dbos import error
 from sqlalchemy.exc import SQLAlchemyError
 
 from planners.errors import LiftwrightError
 from planners.progress import Report
+from workers.engine.running_jobs import JobLeft, RunningJobs
 from workers.settings import WorkerSettings
-from workers.solver.pool import OnCertified, OnReport, SolverDied, SolverFault, SolverPool
+from workers.solver.pool import SolverDied, SolverFault, SolverPool
 from workers.solver.progress import ProgressScale
 from workers.solver.protocol import SolverRequest
 from workers.stores.database_loss import once_it_is_there, said_by
@@ -42,26 +42,6 @@ class JobFailed(LiftwrightError):
         self.why = why
 
 
-class JobLeft(error.DBOSWorkflowCancelledError):
-    """This process must not go on with a job: it was cancelled or deleted, or somebody else has it.
-
-    The engine takes it as the end of this run and not of the job: it writes no result.
-    """
-
-    def __init__(self, plan_id: str) -> None:
-        super().__init__(f"plan {plan_id} is not this worker's any more")
-
-
-async def stay_begun() -> None:
-    """Wait until the event loop ends: stopping is no end of a job, which whoever starts next begins anew.
-
-    Whoever handles a cancellation by this goes on at once if it was the loop's end, which cancels no task twice.
-    """
-    task = asyncio.current_task()
-    if task is None or not task.cancelling():
-        await asyncio.Event().wait()
-
-
 class JobRunner:
     """Runs jobs on the running event loop, at most `worker_slots` at a time."""
 
@@ -70,27 +50,8 @@ class JobRunner:
     ) -> None:
         self._settings, self._queue, self._store, self._parts, self._pool = settings, queue, store, parts, pool
         self._slots = asyncio.Semaphore(settings.worker_slots)
-        self._solving: dict[str, asyncio.Task[PackedDocument]] = {}
-        self._left: set[asyncio.Task[PackedDocument]] = set()
-        self._stopping = False
-
-    @property
-    def solving(self) -> list[str]:
-        """The jobs that have a solver process now."""
-        return list(self._solving)
-
-    def stop(self) -> None:
-        """End all solver processes; the jobs stay begun, and are begun anew by whoever takes them up."""
-        self._stopping = True
-        for solving in self._solving.values():
-            solving.cancel()
-
-    def leave(self, plan_id: str) -> None:
-        """Stop working on a job, if that is still going on; its processes are gone soon."""
-        solving = self._solving.get(plan_id)
-        if solving is not None:
-            self._left.add(solving)
-            solving.cancel()
+        self.jobs = RunningJobs[PackedDocument]()
+        """Those that have a solver process now, or wait for one."""
 
     async def run(self, plan_id: str) -> str:
         """Run one job to its end and return its outcome.
@@ -164,7 +125,7 @@ class JobRunner:
 
         limit = self._settings.solver_seconds
         try:
-            return await self._solve(plan_id, request, show, show_certified)
+            return await self.jobs.run(plan_id, partial(self._pool.solve, request, show, limit, show_certified))
         except TimeoutError:
             raise JobFailed(
                 f"the solver was stopped after {limit:g} s, the longest it may take (LIFTWRIGHT_SOLVER_SECONDS)", "time"
@@ -194,33 +155,6 @@ class JobRunner:
 
     def _enqueue_message(self, plan_id: str, transaction: sa.Connection, delivery_id: str) -> None:
         self._queue.enqueue_delivery(transaction, plan_id, delivery_id, number=1, pause=0.0)
-
-    async def _solve(
-        self, plan_id: str, request: SolverRequest, show: OnReport, show_certified: OnCertified
-    ) -> PackedDocument:
-        if self._stopping:
-            await stay_begun()
-        # An earlier run of the same job in this process has lost it: only the newest may have a solver.
-        self.leave(plan_id)
-        limit = self._settings.solver_seconds
-        solving = asyncio.create_task(self._pool.solve(request, show, limit, show_certified))
-        self._solving[plan_id] = solving
-        try:
-            return await solving
-        except asyncio.CancelledError:
-            if self._stopping:
-                await stay_begun()
-                raise
-            if solving in self._left:
-                raise JobLeft(plan_id) from None
-            solving.cancel()
-            # Its process must be gone before whoever has cancelled this goes on.
-            await asyncio.wait([solving])
-            raise
-        finally:
-            self._left.discard(solving)
-            if self._solving.get(plan_id) is solving:
-                del self._solving[plan_id]
 
 
 def _event(record: PlanRecord, scale: ProgressScale, report: Report) -> PlanEvent:

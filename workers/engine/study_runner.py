@@ -5,15 +5,16 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 
 import structlog
 
 from planners.study.study import Study
 from planners.study.study_map import StudyPoint, best_of
-from workers.engine.job_runner import JobLeft, stay_begun
+from workers.engine.running_jobs import JobLeft, RunningJobs
 from workers.settings import WorkerSettings
 from workers.solver.examiner_pool import ExaminerPool
-from workers.solver.pool import OnPoint, SolverDied, SolverFault
+from workers.solver.pool import SolverDied, SolverFault
 from workers.solver.protocol import StudyRequest
 from workers.stores.database_loss import once_it_is_there
 from workers.stores.job_queue import JobQueue, part_workflow_id
@@ -32,27 +33,8 @@ class StudyRunner:
         self._settings, self._queue, self._studies, self._parts = settings, queue, studies, parts
         self._pool = pool
         self._slots = asyncio.Semaphore(settings.study_slots)
-        self._examining: dict[str, asyncio.Task[None]] = {}
-        self._left: set[asyncio.Task[None]] = set()
-        self._stopping = False
-
-    @property
-    def examining(self) -> list[str]:
-        """The jobs that have a process now."""
-        return list(self._examining)
-
-    def stop(self) -> None:
-        """End all processes; the jobs stay begun, and are begun anew by whoever takes them up."""
-        self._stopping = True
-        for examining in self._examining.values():
-            examining.cancel()
-
-    def leave(self, job_id: str) -> None:
-        """Stop working on a job, if that is still going on."""
-        examining = self._examining.get(job_id)
-        if examining is not None:
-            self._left.add(examining)
-            examining.cancel()
+        self.jobs = RunningJobs[None]()
+        """Those that have a process now, or wait for one."""
 
     async def run(self, study_id: str, part: int) -> str:
         """Examine the points of one part that are not known yet.
@@ -97,7 +79,7 @@ class StudyRunner:
                     # Each point has as long as a job has.
                     time.reschedule(asyncio.get_running_loop().time() + limit)
 
-                await self._in_a_process(job_id, request, keep)
+                await self.jobs.run(job_id, partial(self._pool.examine, request, keep))
         except TimeoutError:
             why = f"the solver was stopped after {limit:g} s, the longest it may take (LIFTWRIGHT_SOLVER_SECONDS)"
             await self._give_up(record, study, left, why)
@@ -109,29 +91,6 @@ class StudyRunner:
             log.warning("solver died", job_id=job_id, point=index, deaths=deaths[index], ending=str(death))
             if deaths[index] >= self._settings.crash_limit:
                 await self._give_up(record, study, left, f"given up after {deaths[index]} attempts: {death}")
-
-    async def _in_a_process(self, job_id: str, request: StudyRequest, keep: OnPoint) -> None:
-        if self._stopping:
-            await stay_begun()
-        self.leave(job_id)
-        examining = asyncio.create_task(self._pool.examine(request, keep))
-        self._examining[job_id] = examining
-        try:
-            await examining
-        except asyncio.CancelledError:
-            if self._stopping:
-                await stay_begun()
-                raise
-            if examining in self._left:
-                raise JobLeft(job_id) from None
-            examining.cancel()
-            # The process must be gone before anybody is told that the time was up.
-            await asyncio.wait([examining])
-            raise
-        finally:
-            self._left.discard(examining)
-            if self._examining.get(job_id) is examining:
-                del self._examining[job_id]
 
     async def _give_up(self, record: StudyRecord, study: Study, left: Sequence[int], why: str) -> None:
         """Keep the point that was being examined as failed; those behind it are examined without it."""

@@ -66,6 +66,7 @@ class Supervisor:
             await work()
         except DATABASE_GONE as error:
             log.warning("waiting for the database", work=name, error=said_by(error))
+            self._failing_since.pop(name, None)
             return False
         except Exception:
             # Everything is caught, as nowhere else in the background. Nobody waits for this work, so nobody would see

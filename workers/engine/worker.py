@@ -164,8 +164,8 @@ class Worker:
 
         The supervisor must have stopped before.
         """
-        self._runner.stop()
-        self._study_runner.stop()
+        self._runner.jobs.stop()
+        self._study_runner.jobs.stop()
         if self._telling is not None:
             self._telling.cancel()
         try:
@@ -264,7 +264,7 @@ class Worker:
 
     async def _leave_lost_jobs(self) -> None:
         """Leave the jobs that were cancelled, which anybody may do through the database, or that others have now."""
-        solving = [*self._runner.solving, *self._study_runner.examining]
+        solving = [*self._runner.jobs.ids, *self._study_runner.jobs.ids]
         if not solving:
             return
         with suppress(*DATABASE_GONE):
@@ -273,7 +273,7 @@ class Worker:
     async def _leave_all_if_alone(self) -> None:
         """Leave all jobs once others may have them; beside what looks for lost ones, which may hang on the database."""
         if self._takeover.alone:
-            self._leave([*self._runner.solving, *self._study_runner.examining])
+            self._leave([*self._runner.jobs.ids, *self._study_runner.jobs.ids])
 
     async def _show_life(self) -> None:
         """Say that this process gets on: its loop turns, for this is called by it, and nothing in it is stuck."""
@@ -282,8 +282,8 @@ class Worker:
 
     def _leave(self, job_ids: Collection[str]) -> None:
         for job_id in job_ids:
-            self._runner.leave(job_id)
-            self._study_runner.leave(job_id)
+            self._runner.jobs.leave(job_id)
+            self._study_runner.jobs.leave(job_id)
 
 
 def take_turns(queue: JobQueue) -> None:

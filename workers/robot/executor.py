@@ -133,8 +133,10 @@ class Executor:
 
     def _start(self) -> Stop | None:
         """Start both programs, and wait until both stand before the first step."""
+        # Written first: the one that is loaded waits for the signs of life of this process from its first lines on.
+        programs = {arm: write_urscript(self._schedule, arm, functions=self._settings.functions) for arm in ARMS}
         for arm, link in self._links.items():
-            link.load(write_urscript(self._schedule, arm, functions=self._settings.functions))
+            link.load(programs[arm])
         self._take_up_speed(self._confirmed + 1)
         until = self._clock.now() + self._settings.patience
         states, silences = self._beat(), dict.fromkeys(ARMS, 0.0)

@@ -49,7 +49,7 @@ class ExaminerPool:
             if child.alive:
                 return child
             await child.kill()
-        return await SolverProcess.start(self._command)
+        return await SolverProcess.start_patiently(self._command)
 
     async def _end_later(self, child: SolverProcess) -> None:
         await asyncio.sleep(IDLE_SECONDS)

@@ -151,6 +151,21 @@ class SolverProcess:
             raise
         return solver
 
+    @classmethod
+    async def start_patiently(cls, command: SolverCommand) -> Self:
+        """Start a child; a machine that is short of processes or memory is given some time.
+
+        Raises:
+            SolverDied: It is short of them still, or there is no such program.
+        """
+        for pause in START_PAUSES_SECONDS:
+            try:
+                return await cls.start(command)
+            except SolverDied as death:
+                log.warning("solver not started", error=str(death), again_in_seconds=pause)
+            await asyncio.sleep(pause)
+        return await cls.start(command)
+
     @property
     def pid(self) -> int:
         """The process id, which is also that of its group."""
@@ -360,11 +375,13 @@ class SolverPool:
         finally:
             self._working -= 1
             wanted = not self._closed and len(self._waiting) + self._working < self._slots
-            if child is not None and not (answered and wanted):
-                await child.kill()
-            # It may have been closed while the process was ended.
-            if wanted and not self._closed:
-                self._get_ready(child if answered else None)
+            try:
+                if child is not None and not (answered and wanted):
+                    await child.kill()
+            finally:
+                # It may have been closed while the process was ended; who was cancelled then leaves the slot as well.
+                if wanted and not self._closed:
+                    self._get_ready(child if answered else None)
 
     async def _take(self) -> SolverProcess:
         """Return a child that is ready, or the one that will be soonest."""
@@ -387,16 +404,7 @@ class SolverPool:
             if child is not None:
                 await child.kill()
         # It failed while nobody looked: one that this job starts itself tells the job what is wrong.
-        return await self._start_despite_shortage()
-
-    async def _start_despite_shortage(self) -> SolverProcess:
-        for pause in START_PAUSES_SECONDS:
-            try:
-                return await SolverProcess.start(self._command)
-            except SolverDied as death:
-                log.warning("solver not started", error=str(death), again_in_seconds=pause)
-            await asyncio.sleep(pause)
-        return await SolverProcess.start(self._command)
+        return await SolverProcess.start_patiently(self._command)
 
     def _get_ready(self, child: SolverProcess | None) -> None:
         """Wait for a child that has answered, or for a new one."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Coroutine, Mapping, Sequence
 from dataclasses import dataclass, replace
+from threading import RLock
 from typing import Literal
 
 import numpy as np
@@ -75,7 +76,7 @@ class _Drawn:
 
 
 class DraftScene:
-    """One draft in one scene. `show` and `nudge` may be called from any one thread at a time; viser calls the rest."""
+    """One draft in one scene, which is shown by one thread while it is dragged in another, viser's."""
 
     layers: Collection[str] = ()
 
@@ -91,6 +92,8 @@ class DraftScene:
         stage.set_up()
         for name, body in self._cell.body_documents().items():
             draw_body(self._scene, f"{root}/cell/{name}", body.role, body.shape, body.pose)
+        self._lock = RLock()
+        """Held by whoever draws or moves: drawn things and the draft belong together."""
         self._draft = Draft({}, None)
         self._drawn: dict[str, _Drawn] = {}
         self._made = 0
@@ -126,22 +129,23 @@ class DraftScene:
             wrong: pointers of the things with which something is wrong.
             moves: how many moves the draft takes into account; what was moved since stays where it is.
         """
-        draft = self._with_later_moves(draft, moves)
-        self._draft, self._chosen = draft, chosen
-        wanted = self._wanted(draft)
-        for pointer in [pointer for pointer in self._drawn if pointer not in wanted]:
-            self._drawn.pop(pointer).frame.remove()
-        for pointer, (shape, T) in wanted.items():
-            drawn = self._drawn.get(pointer)
-            if drawn is None or not _same(drawn.shape, shape) or drawn.name != self._name(pointer):
-                if drawn is not None:
-                    drawn.frame.remove()
-                self._drawn[pointer] = self._draw(pointer, shape, T)
-            else:
-                place(drawn.frame, T)
-        self._colour(wrong)
-        if self._dragged is None:
-            self._place_handles()
+        with self._lock:
+            draft = self._with_later_moves(draft, moves)
+            self._draft, self._chosen = draft, chosen
+            wanted = self._wanted(draft)
+            for pointer in [pointer for pointer in self._drawn if pointer not in wanted]:
+                self._drawn.pop(pointer).frame.remove()
+            for pointer, (shape, T) in wanted.items():
+                drawn = self._drawn.get(pointer)
+                if drawn is None or not _same(drawn.shape, shape) or drawn.name != self._name(pointer):
+                    if drawn is not None:
+                        drawn.frame.remove()
+                    self._drawn[pointer] = self._draw(pointer, shape, T)
+                else:
+                    place(drawn.frame, T)
+            self._colour(wrong)
+            if self._dragged is None:
+                self._place_handles()
 
     def _with_later_moves(self, draft: Draft, moves: int) -> Draft:
         """Return a draft in which things that were moved since are where they are now: the page will hear of it."""
@@ -161,15 +165,16 @@ class DraftScene:
             by: how far along the world's x and y [m].
             turn: about the vertical [rad].
         """
-        if pointer == CUP and self._draft.cup is not None and self._draft.plate is not None:
-            along = self._draft.plate.T_world_body[:2, :2].T @ np.array(by)
-            x, y = np.array(self._draft.cup.position) + along
-            self._slide((float(x), float(y)), "end")
-        elif pointer in self._draft.parts:
-            T = self._draft.parts[pointer].T_world_body
-            T_wanted = transform(rotation_z(turn) @ T[:3, :3], T[:3, 3] + (by[0], by[1], 0.0))
-            self._move(pointer, T_wanted, "end")
-        self._place_handles()
+        with self._lock:
+            if pointer == CUP and self._draft.cup is not None and self._draft.plate is not None:
+                along = self._draft.plate.T_world_body[:2, :2].T @ np.array(by)
+                x, y = np.array(self._draft.cup.position) + along
+                self._slide((float(x), float(y)), "end")
+            elif pointer in self._draft.parts:
+                T = self._draft.parts[pointer].T_world_body
+                T_wanted = transform(rotation_z(turn) @ T[:3, :3], T[:3, 3] + (by[0], by[1], 0.0))
+                self._move(pointer, T_wanted, "end")
+            self._place_handles()
 
     def show_path(self, lines: Array) -> None:
         """Draw a path that was found, in grey, in place of the last one.
@@ -265,16 +270,17 @@ class DraftScene:
             place(self._sliding, self._cup_pose(self._draft.plate, self._draft.cup))
 
     async def _on_handles(self, event: TransformControlsEvent) -> None:
-        T = transform(position=event.target.position)
-        if self._chosen == CUP:
-            self._slide_to(T[:3, 3], event.phase)
-        elif self._chosen is not None and self._chosen in self._draft.parts:
-            w, _, _, z = event.target.wxyz
-            now = self._draft.parts[self._chosen].T_world_body
-            turn = 2.0 * math.atan2(z, w) - yaw_of(now[:3, :3])
-            self._move(self._chosen, transform(rotation_z(turn) @ now[:3, :3], T[:3, 3]), event.phase)
-        if event.phase == "end":
-            self._place_handles()
+        with self._lock:
+            T = transform(position=event.target.position)
+            if self._chosen == CUP:
+                self._slide_to(T[:3, 3], event.phase)
+            elif self._chosen is not None and self._chosen in self._draft.parts:
+                w, _, _, z = event.target.wxyz
+                now = self._draft.parts[self._chosen].T_world_body
+                turn = 2.0 * math.atan2(z, w) - yaw_of(now[:3, :3])
+                self._move(self._chosen, transform(rotation_z(turn) @ now[:3, :3], T[:3, 3]), event.phase)
+            if event.phase == "end":
+                self._place_handles()
 
     def _on_click(self, pointer: str) -> Callable[[SceneNodePointerEvent[MeshHandle]], None]:
         def chosen(_: SceneNodePointerEvent[MeshHandle]) -> None:
@@ -285,25 +291,26 @@ class DraftScene:
     def _on_drag(self, pointer: str) -> Callable[[SceneNodeDragEvent[MeshHandle]], Coroutine]:
         # One after the other: viser runs what is not async in threads, in any order.
         async def dragged(event: SceneNodeDragEvent[MeshHandle]) -> None:
-            if event.phase == "start":
-                self._tell(Chosen(pointer))
-                self._chosen = pointer
-                self._grab = self.body_position[:2] - np.array(event.start_position)[:2]
-                self._height = event.start_position[2]
-            # The pointer is told on a plane that faces the camera; where it is meant is on the level one.
-            eye, seen = event.client.camera.position, np.array(event.end_position)
-            along = seen - eye
-            if abs(along[2]) > math.sin(GRAZING) * float(np.linalg.norm(along)):
-                here = (eye + along * (self._height - eye[2]) / along[2])[:2] + self._grab
-                if pointer == CUP:
-                    self._slide_to(np.append(here, 0.0), event.phase)
-                elif pointer in self._draft.parts:
-                    T = self._draft.parts[pointer].T_world_body.copy()
-                    T[:2, 3] = here
-                    self._move(pointer, T, event.phase)
-            if event.phase == "end":
-                self._dragged = None
-                self._place_handles()
+            with self._lock:
+                if event.phase == "start":
+                    self._tell(Chosen(pointer))
+                    self._chosen = pointer
+                    self._grab = self.body_position[:2] - np.array(event.start_position)[:2]
+                    self._height = event.start_position[2]
+                # The pointer is told on a plane that faces the camera; where it is meant is on the level one.
+                eye, seen = event.client.camera.position, np.array(event.end_position)
+                along = seen - eye
+                if abs(along[2]) > math.sin(GRAZING) * float(np.linalg.norm(along)):
+                    here = (eye + along * (self._height - eye[2]) / along[2])[:2] + self._grab
+                    if pointer == CUP:
+                        self._slide_to(np.append(here, 0.0), event.phase)
+                    elif pointer in self._draft.parts:
+                        T = self._draft.parts[pointer].T_world_body.copy()
+                        T[:2, 3] = here
+                        self._move(pointer, T, event.phase)
+                if event.phase == "end":
+                    self._dragged = None
+                    self._place_handles()
 
         return dragged
 

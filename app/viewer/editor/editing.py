@@ -302,7 +302,7 @@ class _Editing:
             self.path = None
             return Done(request.type)
         if LastPath.can_be_of(plan) and plan.task.cell in visible.cells:
-            self.path = LastPath(plan, visible.cells)
+            self.path = LastPath(plan, visible.cells, self.workshop.uploads)
         # The graph is made before somebody drags anything.
         self.loop.call_soon_threadsafe(self._ask_for_ways, _Question(write_task(plan.task), is_told=False))
         told = describe_plan(plan).model_dump(mode="json", by_alias=True, include=RESULT)

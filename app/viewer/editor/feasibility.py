@@ -17,6 +17,7 @@ from planners.manipulation.statics.path_forces import FORCES, PathFails, PathFor
 from planners.plan.plan import Plan
 from planners.plan.verdicts import Feasibility
 from planners.scene.scene import build_scene
+from planners.scene.shape_source import Uploads
 from workers.solver.feasibility_pool import FeasibilityPool
 from workers.solver.protocol import FeasibilityRequest
 from workers.stores.database_loss import DATABASE_GONE, said_by
@@ -45,8 +46,9 @@ class FeasibilityDescription(StrictModel):
 class LastPath:
     """The path of the last plan of a lift, warm to be asked. Not for two threads at once."""
 
-    def __init__(self, plan: Plan, cells: Mapping[str, Cell]) -> None:
-        self._forces, self._cells = PathForces(plan), cells
+    def __init__(self, plan: Plan, cells: Mapping[str, Cell], uploads: Uploads) -> None:
+        """`cells` and `uploads`: that its task may name."""
+        self._forces, self._cells, self._uploads = PathForces(plan), cells, uploads
         self._moves = without(plan.task, _NOT_THE_PATH)
 
     @staticmethod
@@ -65,7 +67,7 @@ class LastPath:
                 return None
             if without(task, _NOT_THE_PATH) != self._moves:
                 return None
-            answer = self._forces.ask(build_scene(task, self._cells))
+            answer = self._forces.ask(build_scene(task, self._cells, self._uploads))
         except (ValidationError, SceneError):
             return None
         return FeasibilityDescription(holds=isinstance(answer, PathHolds), words=_words(answer, task.options.reserve))

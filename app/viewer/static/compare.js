@@ -42,7 +42,8 @@ class PlanSide {
     this.badge.hidden = true;
     this.say("Loading …");
     this.onchange();
-    if (this.connection.ready) this.connection.load(plan);
+    // One that is broken is made anew; its scene asks for the plan.
+    if (this.connection.ready || this.connection.broken) this.connection.load(plan);
   }
 
   async opened(description) {

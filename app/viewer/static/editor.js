@@ -88,7 +88,10 @@ class Editor {
       moved: (message) => this.moved(message),
       chosen: ({ pointer }) => this.choose(pointer),
       refused: ({ request, detail }) => this.refused(request, detail),
-      fault: ({ detail }) => this.say("A fault of the service", detail),
+      fault: ({ request, detail }) => {
+        if (request === "judge") this.pathJudged(null);
+        this.say("A fault of the service", detail);
+      },
       result: (message) => this.showResult(message),
       judged: ({ feasibility }) => this.pathJudged(feasibility),
       way: ({ feasibility }) => this.showFeasibility(this.ofPath, feasibility),
@@ -145,10 +148,13 @@ class Editor {
   /** Say what the scene cannot do; where that was to begin with something, an empty task is there instead. */
   refused(request, detail) {
     if (request === "path") return;
+    // Nobody has asked for that: the next change is judged again.
+    if (request === "judge") return this.pathJudged(null);
+    if (request === "start" && !Object.keys(this.draft.task).length) {
+      this.lastPlan = null;
+      this.beginEmpty(new URLSearchParams());
+    }
     this.say("That cannot be done", detail);
-    if (request !== "start" || Object.keys(this.draft.task).length) return;
-    this.lastPlan = null;
-    this.beginEmpty(new URLSearchParams());
   }
 
   begin(task) {
@@ -197,6 +203,8 @@ class Editor {
 
   /** Everything follows the draft: lists, values, the scene, and what the service says. */
   changed() {
+    // What could not be done before may be now.
+    if (this.connection.ready) this.say();
     this.noteWritten();
     if (!this.things.some(({ pointer }) => pointer === this.chosen)) this.chosen = null;
     clearTimeout(this.resting);

@@ -385,17 +385,21 @@ function listQuery() {
   if (kind) query.set("kind", kind);
   if (result) query.set(...result.split("="));
   if (from) query.set("created_from", new Date(`${from}T00:00`).toISOString());
-  // Until the end of that day.
-  if (until) query.set("created_until", new Date(new Date(`${until}T00:00`).getTime() + DAY_MILLISECONDS).toISOString());
+  if (until) {
+    // Until the end of that day, which may have 23 hours or 25.
+    const end = new Date(`${until}T00:00`);
+    end.setDate(end.getDate() + 1);
+    query.set("created_until", end.toISOString());
+  }
   return query;
 }
 
 /** Fetch the pages of the list that are shown, and one more if somebody asks for it. */
 async function refreshList(more = false) {
-  const query = listQuery();
-  const asked = String(query);
-  const wantedPages = (asked === shownQuery ? shownPages : 1) + (more ? 1 : 0);
   try {
+    const query = listQuery();
+    const asked = String(query);
+    const wantedPages = (asked === shownQuery ? shownPages : 1) + (more ? 1 : 0);
     const found = [];
     let token = null;
     let pages = 0;
