@@ -47,6 +47,8 @@ from planners.geometry.solid_mesh import SolidMesh, take_mesh
 AssetKind = Literal["cells", "mounts", "robots", "hands", "sensors", "tools"]
 KINDS: tuple[AssetKind, ...] = ("cells", "mounts", "robots", "hands", "sensors", "tools")
 """Folders of a shelf, and what the files in them are."""
+TOOLS_MEMBER = "tools"
+"""Under which a cell's file may hold tools, each of which becomes a file of its own."""
 PARTS: Mapping[AssetKind, tuple[tuple[str, AssetKind], ...]] = {
     "cells": (
         ("mount", "mounts"),
@@ -375,4 +377,8 @@ def _fault(fault: ErrorDetails, model: type[BaseModel], file: str) -> AssetFault
         detail = f"at least {context.get('min_length')} are needed" if most is None else f"at most {most} are taken"
         return AssetFault(detail, file, pointer)
     problem = problem_of(fault, model)
-    return AssetFault(problem.detail.removeprefix("Value error, "), file, pointer, tuple(problem.allowed or ()))
+    allowed = tuple(problem.allowed or ())
+    if model is CellFile and kind == "extra_forbidden" and len(fault["loc"]) == 1:
+        # Its tools are taken from a cell's file before that is read.
+        allowed += (TOOLS_MEMBER,)
+    return AssetFault(problem.detail.removeprefix("Value error, "), file, pointer, allowed)

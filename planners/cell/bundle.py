@@ -6,7 +6,6 @@ import hashlib
 import io
 import json
 import lzma
-import os
 import re
 import stat
 import tempfile
@@ -37,6 +36,7 @@ from planners.cell.asset_files import (
 from planners.cell.asset_shelf import (
     KINDS,
     PARTS,
+    TOOLS_MEMBER,
     WHAT_PATHS_ARE,
     AssetKind,
     AssetShelf,
@@ -219,7 +219,7 @@ class CellBundle:
     def unpack(self, folder: Path) -> Path:
         """Return the folder below `folder` that holds exactly these files; it is made whole or not at all."""
         place = folder / self.digest
-        if place.is_dir():
+        if self._is_at(place):
             return place
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix=".unpacking-") as fresh:
@@ -227,18 +227,22 @@ class CellBundle:
             for name, content in self.files.items():
                 path = whole / name
                 path.parent.mkdir(parents=True, exist_ok=True)
-                with path.open("wb") as stream:
-                    stream.write(content)
-                    stream.flush()
-                    # The name is taken for whole ever after: no loss of power may leave it without its content.
-                    os.fsync(stream.fileno())
+                path.write_bytes(content)
             try:
                 whole.replace(place)
             except OSError:
-                # Another process was faster.
-                if not place.is_dir():
-                    raise
+                # Another process was faster, or a loss of power has left a part of it.
+                if not self._is_at(place):
+                    place.replace(Path(fresh, "torn"))
+                    whole.replace(place)
         return place
+
+    def _is_at(self, place: Path) -> bool:
+        """Tell whether a folder holds these files, whole."""
+        try:
+            return all((place / name).read_bytes() == content for name, content in self.files.items())
+        except FileNotFoundError:
+            return False
 
 
 def load_unpacked(folder: Path) -> Cell:
@@ -351,8 +355,8 @@ class _Layout:
             if stem is not None and stem != given:
                 raise AssetError(AssetFault(f"must be that of the file, {stem!r}", pointer="/name"))
             taken = self._take_parts(kind, data, origin)
-            if kind == "cells" and "tools" in data:
-                self._take_tools(data.pop("tools"), origin)
+            if kind == "cells" and TOOLS_MEMBER in data:
+                self._take_tools(data.pop(TOOLS_MEMBER), origin)
                 taken = True
             if taken or not name.endswith(".yaml"):
                 content = _written(data)

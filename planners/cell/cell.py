@@ -389,6 +389,9 @@ class CellParts:
             if robot in robots and hand in hands:
                 arms[side] = _arm(side, mount, robots[robot], hands[hand])
         _check_payloads(arms, str(path), faults)
+        if len(arms) == len(ARM_NAMES) and not any(isinstance(arm.hand, Gripper) for arm in arms.values()):
+            detail = "two sticks hold nothing: a plate lift needs a gripper and a stick, a suction tool two grippers"
+            faults.add(detail, str(path), "/arms")
         return cls(file, mount, arms, _meshes(mount, shelf, faults), tools, shelf)
 
     def whole(self, faults: AssetFaults) -> Cell:

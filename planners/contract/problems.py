@@ -23,6 +23,8 @@ MAX_PROBLEMS = 100
 """More are counted, not listed."""
 LONGEST_KEY = 200
 """An unknown member with a longer name is pointed at by its object."""
+MOST_FRICTION = 2.0
+"""Rubber on dry glass has as much [1]."""
 DENSEST = 23e3
 """A little more than osmium's, the densest metal's [kg/m³]."""
 PAD_BEYOND = 5e-3
@@ -111,9 +113,19 @@ def doubts_of(task: object) -> list[Problem]:
 
     That is a quaternion 0, 0, 0, 1, half a turn about z, as no turn at all is written where w comes last; a mass with
     which a body is denser than any metal, as one in grams is; and a tool's pad that its shapes leave out, or a part of
-    the tool that hangs on nothing.
+    the tool that hangs on nothing; and a coefficient of friction beyond that of rubber on dry glass.
     """
-    return [*_doubtful_turns(task), *_doubtful_masses(task, ()), *_doubtful_tool(task)]
+    return [*_doubtful_turns(task), *_doubtful_masses(task, ()), *_doubtful_tool(task), *_doubtful_friction(task)]
+
+
+def _doubtful_friction(task: object) -> Iterator[Problem]:
+    for path in (("friction", "grip"), ("friction", "push"), ("friction", "environment"), ("cup", "mu")):
+        value = task
+        for member in path:
+            value = value.get(member) if isinstance(value, dict) else None
+        if isinstance(value, int | float) and value > MOST_FRICTION:
+            detail = f"hardly anything has a coefficient of friction of {value:g}: most are between 0.1 and 1"
+            yield Problem(json_pointer(path), detail)
 
 
 def _doubtful_turns(task: object) -> list[Problem]:
@@ -299,14 +311,20 @@ _SENTENCES = {
 }
 
 
-_IN_METRES = frozenset({"size", "radius", "height", "outline", "position", "com"})
+_IN_METRES = frozenset({"size", "radius", "height", "outline", "position", "com", "com_tolerance", "goal_height"})
 """Members whose numbers are lengths: drawings are in millimetres."""
+_SHARES = frozenset({"mass_tolerance", "reserve"})
+"""Members that are parts of a whole: in per cent they are a hundred times as much."""
 _POSES = frozenset({"plate_pose", "pose", "goal_pose", "tool_pose"})
 """Members whose first three numbers are."""
 
 
 _PLATE_TYPE = ["plate", "shape", "type"]
-_OTHER_PLATES = ": of any other plate give the convex outline as a prism, and the centre of mass as com"
+_OTHER_PLATES = (
+    ": of any other plate give the convex outline as a prism, the centre of mass as com, and by cup.position, "
+    "options.grips and options.pushes where there is something to touch: cup and hands may be anywhere on the outline"
+)
+_OTHER_SOLIDS = ": a solid that is not convex is given as a mesh"
 _A_POSE = "a pose is [x, y, z, qw, qx, qy, qz]"
 
 
@@ -318,19 +336,37 @@ def _detail(fault: ErrorDetails, path: Sequence[str | int]) -> str:
         return _SENTENCES[kind]
     if kind in ("union_tag_invalid", "literal_error"):
         return f"is none of the valid choices{_OTHER_PLATES if [*path] == _PLATE_TYPE else ''}"
-    if kind in ("less_than_equal", "greater_than_equal") and _is_length(path):
-        is_far = kind == "less_than_equal" or context.get("ge", 0.0) < 0.0
-        message = f"{message} metres" + (": is it in millimetres?" if is_far else "")
-    elif kind in ("less_than_equal", "greater_than_equal") and _is_of_a_pose(path):
-        message = f"{message}: {_A_POSE}"
-    elif kind in ("less_than_equal", "greater_than_equal") and path and path[-1] == "mass":
-        message = f"{message} kg" + (": is it in grams?" if kind == "less_than_equal" else "")
+    if kind in ("less_than_equal", "greater_than_equal"):
+        message += _of_a_range(path, too_much=kind == "less_than_equal", signed=context.get("ge", 0.0) < 0.0)
     if kind == "too_long":
         return f"has too many items: {context['max_length']} are expected"
     if kind == "string_pattern_mismatch":
         pattern = context["pattern"]
         return PATTERN_WORDS.get(pattern, f"must match {pattern}")
-    return message.removeprefix("Value error, ").replace("Input should be", "must be", 1)
+    message = message.removeprefix("Value error, ").replace("Input should be", "must be", 1)
+    if "outline is not convex" in message:
+        message += _OTHER_PLATES if path and path[0] == "plate" else _OTHER_SOLIDS
+    return message
+
+
+def _of_a_range(path: Sequence[str | int], *, too_much: bool, signed: bool) -> str:
+    """Say in what unit a number that is out of its range was to be, and in which it may have been meant.
+
+    Args:
+        path: of the number.
+        too_much: whether it is beyond the upper end.
+        signed: whether the range has negative numbers in it.
+    """
+    member = path[-1] if path else ""
+    if _is_length(path):
+        return " metres" + (": is it in millimetres?" if too_much or signed else "")
+    if _is_of_a_pose(path):
+        return f": {_A_POSE}"
+    if member == "mass":
+        return " kg" + (": is it in grams?" if too_much else "")
+    if member in _SHARES:
+        return ", a share" + (": is it in per cent?" if too_much else "")
+    return " rad: is it in degrees?" if "start_positions" in path else ""
 
 
 def _is_length(path: Sequence[str | int]) -> bool:

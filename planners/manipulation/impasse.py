@@ -3,7 +3,8 @@
 Counting all that ever failed would name what fails most often, which is seldom what stands in the way. So the stages
 are gone through in the order of a lift (holds at all, the plate at rest, the poses at the goal, and the poses next to
 the farthest one that was reached), and at the first that fails each lost pose is asked: would any hold bear the plate
-here, wherever the arms reach? If none would, balance is the cause; otherwise what keeps the hand from there.
+here, wherever the arms reach? If none would, balance is the cause. Otherwise it is what keeps the hand from there; but
+where the arms reach holds, and none of those bears the plate, their want of force comes first.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planners.balance.balanced import Balanced
+from planners.balance.relaxed_balance import least_force
 from planners.graph.rejections import Rejection, Rejections
 from planners.graph.search import DEAD
 from planners.manipulation.holds.grips import lack_of_grips
@@ -30,6 +32,11 @@ _POSES = 12
 """Lost poses that are looked at."""
 _BALANCES = 60
 """Holds whose balance is asked for at each of them."""
+_REACHED = 8
+"""Of the holds that the arms reach there, so many are asked how far they are from bearing the plate."""
+
+TOO_WEAK = "no hold that the arms reach bears the plate"
+"""What is said where holds that would bear it are out of reach."""
 
 NO_WAY = "No sequence of holds leads from the support into the air."
 """What is said where nobody asks for the causes."""
@@ -50,7 +57,13 @@ def find_impasse(search: LiftSearch) -> Impasse:
 
 def _told(summary: str, link: str, causes: tuple[Rejection, ...]) -> Impasse:
     """End a summary with the weightiest cause."""
-    return Impasse(f"{summary}{link}{causes[0].reason}." if causes else f"{summary}.", causes)
+    if not causes:
+        return Impasse(f"{summary}.", causes)
+    first, short = causes[0], ""
+    if first.reason == TOO_WEAK and first.needed is not None and first.available is not None:
+        # What more would do for the step after that, nobody knows yet.
+        short = f": the nearest lacks {max(0.1, first.needed - first.available):.1f} N of the cup's pull"
+    return Impasse(f"{summary}{link}{first.reason}{short}.", causes)
 
 
 def _tenths_below(value: float) -> float:
@@ -163,7 +176,8 @@ class _Stages:
         found = Rejections()
         for pose in poses[:_POSES]:
             held = self._alive[self._graph.node_pose == pose].any()
-            found.add(self._way_to(pose, where) if held else self._cause_at(pose, where))
+            for cause in [self._way_to(pose, where)] if held else self._causes_at(pose, where):
+                found.add(cause)
         return tuple(cause for cause, _ in found.most_common(3))
 
     def _way_to(self, pose: int, where: str) -> Rejection:
@@ -175,17 +189,37 @@ class _Stages:
                 return Rejection("clearance", f"{meeting(*names).reason} on the way", where)
         return Rejection("transfer", "the plate could be held, but not be brought there", where)
 
-    def _cause_at(self, pose: int, where: str) -> Rejection:
-        """Say why no hold that reaches a pose bears the plate there."""
+    def _causes_at(self, pose: int, where: str) -> list[Rejection]:
+        """Say why no hold that reaches a pose bears the plate there, the weightiest cause first."""
         touch = self._meeting(pose)
         if touch is not None:
-            return Rejection("clearance", touch, where)
+            return [Rejection("clearance", touch, where)]
         where_plate = self._poses[pose]
         for hands in itertools.islice(self._unproven(pose), _BALANCES):
             answer = self._search.balance.solve(where_plate.T_world_plate, where_plate.contact_points, hands)
             if isinstance(answer, Balanced):
-                return self._missing(pose, hands, where)
-        return Rejection("balance", "no hold bears the plate, wherever the arms reach", where)
+                return [*self._weakness(pose, where), self._missing(pose, hands, where)]
+        return [Rejection("balance", "no hold bears the plate, wherever the arms reach", where)]
+
+    def _weakness(self, pose: int, where: str) -> Iterator[Rejection]:
+        """Say that the holds which the arms reach do not bear the plate, if there are any, and what the cup lacks."""
+        balance, there = self._search.balance, self._poses[pose]
+        reached = ([None, *np.flatnonzero(some[pose]).tolist()] for some in self._reached.some)
+        # The last ones have both hands, where both reach.
+        holds: list[HandPair] = list(itertools.product(*reached))[:0:-1]
+        least = math.inf
+        for hands in holds[:: math.ceil(len(holds) / _REACHED) or 1]:
+            if isinstance(balance.solve(there.T_world_plate, there.contact_points, hands), Balanced):
+                return
+            more = least_force(balance.program(there.T_world_plate, there.contact_points, hands))
+            least = least if more is None else min(least, more)
+        if not holds:
+            return
+        pull = self._sampling.scene.cup.max_force
+        if math.isfinite(least):
+            yield Rejection.measured("balance", TOO_WEAK, where, pull + least, pull, "N")
+        else:
+            yield Rejection("balance", TOO_WEAK, where)
 
     def _unproven(self, pose: int) -> Iterator[HandPair]:
         """Yield holds that are not yet proven not to bear the plate, reach aside: single hands first."""

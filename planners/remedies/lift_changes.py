@@ -25,6 +25,7 @@ from planners.geometry.pose import Array
 from planners.graph.search import DEAD
 from planners.manipulation.cup_place import CupPlaceSearch
 from planners.manipulation.graph.node_examiner import hands_of
+from planners.manipulation.impasse import TOO_WEAK
 from planners.manipulation.lift_attempts import NOT_WITHIN_TOLERANCES
 from planners.manipulation.lift_settings import LiftSettings
 from planners.manipulation.planner import PlateLiftPlanner
@@ -85,7 +86,7 @@ _OUT_OF_REACH_WAYS = tuple(0.1 * step for step in range(1, 10))
 """... but straight on where it is proven to be out of reach [m] ..."""
 _OBSTACLE_WAYS = (0.05, 0.10, 0.20)
 """... and obstacles [m]."""
-_WANT_OF_REACH = ("reach so far", "be brought there", "would touch")
+_WANT_OF_REACH = ("reach so far", "be brought there", "would touch", TOO_WEAK)
 """Words of causes for which another place of the plate may help, and other forces hardly."""
 _STEPS_OF_ASKING = 1
 """What it takes to ask anything, besides what is reported then: see `Effort` ..."""

@@ -147,7 +147,7 @@ def build_lift_scene(task: PlateLiftTask, cells: Mapping[str, Cell] | None, uplo
     shapes = ShapeSource(uploads)
     named = [(obstacle.name, f"/obstacles/{i}/name") for i, obstacle in enumerate(task.obstacles)]
     faults = SceneFaults()
-    faults.tried(lambda: check_names(named, cell))
+    names = faults.tried(lambda: check_names(named, cell))
     faults.tried(lambda: _check_lifter(task, cell))
     placed = [faults.tried(partial(place_obstacle, i, obstacle, shapes)) for i, obstacle in enumerate(task.obstacles)]
     starts = faults.tried(lambda: start_positions(task.start_positions, cell))
@@ -180,7 +180,8 @@ def build_lift_scene(task: PlateLiftTask, cells: Mapping[str, Cell] | None, uplo
         given_grips=faults.tried(lambda: settle_grips(task.options, plate, gripper)),
         given_pushes=faults.tried(lambda: settle_pushes(task.options, plate)),
     )
-    if len(scene.obstacles) == len(placed):
+    # What has another's name could not be told from it.
+    if names is not None and len(scene.obstacles) == len(placed):
         _add_overlaps_at_start(scene, faults)
     faults.raise_any()
     return scene

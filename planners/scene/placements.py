@@ -88,8 +88,8 @@ def find_cell(name: str, cells: Mapping[str, Cell] | None, needed: NeededHands) 
     return found
 
 
-def check_names(named: Iterable[tuple[str, str]], cell: Cell) -> None:
-    """Check that (name, pointer) pairs are unique and not those of what is there anyway.
+def check_names(named: Iterable[tuple[str, str]], cell: Cell) -> frozenset[str]:
+    """Return the names of (name, pointer) pairs, which are unique and not those of what is there anyway.
 
     Raises:
         SceneError: at the names that are taken.
@@ -104,6 +104,7 @@ def check_names(named: Iterable[tuple[str, str]], cell: Cell) -> None:
             faults.add(SceneError(pointer, f"the name {name} is used twice"))
         seen.add(name)
     faults.raise_any()
+    return frozenset(seen)
 
 
 def start_positions(given: tuple[float, ...] | None, cell: Cell) -> Array:

@@ -107,6 +107,21 @@ def test_links_may_have_meshes_of_ones_own_in_any_format(tmp_path: Path) -> None
         np.testing.assert_allclose(np.ptp(hull.vertices, axis=0), [0.05, 0.05, 0.1], atol=1e-6)
 
 
+@pytest.mark.parametrize("left", ["empty", "gone"])
+def test_what_a_loss_of_power_has_left_in_part_is_unpacked_anew(tmp_path: Path, left: str) -> None:
+    """The folder's name may be there, and its files not, or not what was written into them."""
+    bundle = CellBundle.of_text(written(station()))
+    place = bundle.unpack(tmp_path)
+    for name in bundle.files:
+        if left == "empty":
+            (place / name).write_bytes(b"")
+        else:
+            (place / name).unlink()
+    assert bundle.unpack(tmp_path) == place
+    assert {name: (place / name).read_bytes() for name in bundle.files} == dict(bundle.files)
+    assert [path.name for path in tmp_path.iterdir()] == [place.name]
+
+
 def test_what_is_unpacked_twice_is_unpacked_once_and_nothing_is_left_of_a_failure(tmp_path: Path) -> None:
     bundle = CellBundle.of_text(written(station()))
     first = bundle.unpack(tmp_path)

@@ -237,6 +237,12 @@ A_JOINT = {
 }
 WRONG = {
     "an unknown field": ("cells/dual_ur3e_lift", ["color"], "red", "/color: is not known here"),
+    "two sticks": (
+        "cells/dual_ur3e_lift",
+        ["arms", "right", "hand"],
+        "pushing_stick_ft300",
+        "/arms: two sticks hold nothing: a plate lift needs a gripper and a stick",
+    ),
     "a string for a number": (
         "mounts/dual_column",
         ["table", "size", 0],

@@ -17,6 +17,8 @@ from planners.contract.task_spec import UNION_TAGS, read_task, task_schema
 
 ROOT = Path(__file__).parents[2]
 AB1 = json.loads((ROOT / "assets/tasks/ab1.json").read_text())
+DART = [[0, 0], [0.3, -0.2], [0.1, 0], [0.3, 0.2]]
+POSE = [0.7, 0.5, 1.2, 1, 0, 0, 0]
 CASES = yaml.load((ROOT / "tests/problems/task_spec_refusals.yaml").read_text(), yaml.CSafeLoader)
 
 
@@ -326,6 +328,35 @@ def test_a_litre_that_no_metal_makes_as_heavy_is_doubted(shape):
         doubts = doubts_of(body)
         assert [doubt.pointer for doubt in doubts] == pointers
         assert all("850 kg a litre" in doubt.detail and "grams" in doubt.detail for doubt in doubts)
+
+
+@pytest.mark.parametrize(
+    ("members", "said"),
+    [
+        ({"/start_positions": [15.0, -60.0, 120.0, -150.0, 0, 0, 0, 0, 0, 0, 0, 0]}, "rad: is it in degrees?"),
+        ({"/options": {"goal_height": 30}}, "metres: is it in millimetres?"),
+        ({"/plate/com_tolerance": 5}, "metres: is it in millimetres?"),
+        ({"/plate/mass_tolerance": 2}, "a share: is it in per cent?"),
+        ({"/plate/shape": {"type": "prism", "outline": DART, "height": 0.04}}, "options.pushes"),
+        ({"/plate/shape": {"type": "cylinder", "radius": 0.1, "height": 0.04}}, "options.pushes"),
+        ({"/obstacles": [{"name": "dart", "shape": {"type": "prism", "outline": DART, "height": 0.04}, "pose": POSE}]},
+         "is given as a mesh"),
+    ],
+)  # fmt: skip
+def test_what_is_refused_is_told_in_its_unit_and_with_what_helps(members, said):
+    found = problems(changed(members, ()))
+    assert found
+    assert all(said in problem.detail for problem in found)
+
+
+@pytest.mark.parametrize(
+    "path", [("friction", "grip"), ("friction", "push"), ("friction", "environment"), ("cup", "mu")]
+)
+def test_more_friction_than_that_of_rubber_on_glass_is_doubted(path):
+    of, member = path
+    for value, pointers in ((0.5, []), (2.0, []), (5, [f"/{of}/{member}"]), ("5", []), (None, []), (math.nan, [])):
+        assert [doubt.pointer for doubt in doubts_of({of: {member: value, "eps": 7.0}})] == pointers
+        assert doubts_of({of: value}) == []
 
 
 @pytest.mark.parametrize("mass", ["850", None, True, math.nan, -1.0, [850], 1e9])

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 from dbos import error
 
-Result = TypeVar("Result")
+JobResult = TypeVar("JobResult")
 
 
 class JobLeft(error.DBOSWorkflowCancelledError):
@@ -21,12 +21,12 @@ class JobLeft(error.DBOSWorkflowCancelledError):
         super().__init__(f"job {job_id} is not this worker's any more")
 
 
-class RunningJobs(Generic[Result]):
+class RunningJobs(Generic[JobResult]):
     """The task of each job that is worked on, on the running event loop; each ends its processes when cancelled."""
 
     def __init__(self) -> None:
-        self._tasks: dict[str, asyncio.Task[Result]] = {}
-        self._left: set[asyncio.Task[Result]] = set()
+        self._tasks: dict[str, asyncio.Task[JobResult]] = {}
+        self._left: set[asyncio.Task[JobResult]] = set()
         self._stopping = False
 
     @property
@@ -47,7 +47,7 @@ class RunningJobs(Generic[Result]):
             self._left.add(task)
             task.cancel()
 
-    async def run(self, job_id: str, work: Callable[[], Coroutine[Any, Any, Result]]) -> Result:
+    async def run(self, job_id: str, work: Callable[[], Coroutine[Any, Any, JobResult]]) -> JobResult:
         """Work on a job.
 
         Raises:
