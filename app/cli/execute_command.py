@@ -56,6 +56,8 @@ class ExecuteRequest:
     """Whether it holds for steps, too, in which a stop from it may lose what is carried."""
     functions: Path | None = None
     """URScript for fingers and vacuum that are mounted; None: as they are exported."""
+    without_objects: bool = False
+    """Whether what the plan moves is not there, see `Schedule.of`."""
 
 
 def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | None = None) -> int:
@@ -74,7 +76,7 @@ def execute_file(request: ExecuteRequest, connect: Callable[[str], ArmLink] | No
     with ExitStack() as stack:
         cell = stack.enter_context(site_cell(document, request.plan, request.site))
         try:
-            schedule = Schedule.of(exportable(document, cell))
+            schedule = Schedule.of(exportable(document, cell), with_objects=not request.without_objects)
             check_urscript(cell)
             links = {arm: (connect or ArmLink)(host) for arm, host in request.hosts.items()}
         except (NotExportable, NoLink) as why:
@@ -121,7 +123,9 @@ def _tell_steps(schedule: Schedule, settings: ExecutionSettings) -> None:
     for step, speed in zip(steps, speeds, strict=True):
         slower = "" if speed == settings.speed else f", at {speed:g}: a stop from more may lose what is carried"
         _say(f"  {step.number:3d}  {step.duration:5.1f} s  {step.words}{slower}")
-    if schedule.lift is not None:
+    if not schedule.with_objects:
+        _say("  without the plate or the objects: hands press on nothing, and no lift follows")
+    elif schedule.lift is not None:
         _say(f"  {schedule.last + 1:3d}  {_LIFT}")
     elif plan.task.kind == "plate_lift":
         _say("  no lift follows: its law is that of a simulation, and this plan has none that came to it")
@@ -253,7 +257,11 @@ class _Session:
             _say(f"  {name:5s} [{joints}] rad, {np.linalg.norm(state.force):.0f} N at the wrist")
         segment = schedule.plan.at(at).segment
         part = None if segment is None else schedule.plan.segments[segment]
-        held = {} if part is None else {body: ride.to for body, ride in part.rides} | held_in(part)
+        held = (
+            {}
+            if part is None or not schedule.with_objects
+            else {body: ride.to for body, ride in part.rides} | held_in(part)
+        )
         for body, carrier in held.items():
             _say(f"  {body} is held by {carrier}: fingers and vacuum stay as they are")
 
@@ -268,13 +276,13 @@ class _Session:
             choices = {
                 "b": None if back is None else f"b: {self._words_of(back.steps[0])}",
                 "c": None if begins is None else f"c: go on from the begin of step {begins.number}",
-                "p": "p: write the task that is left, from here",
+                "p": "p: write the task that is left, from here" if schedule.with_objects else None,
             }
             offered = "; ".join(words for words in choices.values() if words is not None)
             answer = self._keyboard.ask(f"{offered}; Enter: leave it so\n> ")
             if answer == "c" and begins is not None:
                 return schedule.since(begins.number)
-            if answer == "p":
+            if answer == "p" and schedule.with_objects:
                 self._write_task(schedule, min(reached.values()))
             if answer == "b" and back is not None:
                 gone = self._execute(back, continuous=True)

@@ -116,6 +116,7 @@ EXECUTE_EXAMPLES = """\
 examples:
   liftwright execute plan.json --left 192.168.1.11 --right 192.168.1.12                      would it begin?
   liftwright execute plan.json --left 192.168.1.11 --right 192.168.1.12 --run --speed 0.1    step by step, slowly
+  liftwright execute plan.json --left … --right … --run --without-objects    first: with no plate
   make demo-robot                                                                            the same without robots
 """
 SCENE_DESCRIPTION = """\
@@ -322,7 +323,9 @@ def _add_plan(command: argparse.ArgumentParser) -> None:
         help="where the plan document goes; of several tasks a folder, with NAME.json for each; without it, nowhere",
     )
     command.add_argument(
-        "--check", action="store_true", help="plan nothing: say what is wrong with the tasks, in a second or two"
+        "--check",
+        action="store_true",
+        help="plan nothing: say what is wrong with the tasks, in a second or two; without --service, --apply, --out",
     )
     command.add_argument(
         "--apply",
@@ -355,7 +358,7 @@ def _add_plan(command: argparse.ArgumentParser) -> None:
 
 
 def _add_study(command: argparse.ArgumentParser) -> None:
-    command.add_argument("file", type=Path, metavar="FILE", help="a task as JSON; assets/tasks has examples")
+    command.add_argument("file", type=Path, metavar="FILE", help="a task, as of `liftwright plan`")
     command.add_argument(
         "--axis",
         action="append",
@@ -446,6 +449,11 @@ def _add_execute(command: argparse.ArgumentParser) -> None:
         command.add_argument(f"--{arm}", required=True, metavar="HOST", help=f"address of the {arm} arm's controller")
     command.add_argument("--run", dest="moves", action="store_true", help="move the arms; without it, only look")
     command.add_argument("--continuous", action="store_true", help="do not ask before each step")
+    command.add_argument(
+        "--without-objects",
+        action="store_true",
+        help="the plate, or what a pile is made of, is not there: hands press on nothing, and no lift follows",
+    )
     command.add_argument(
         "--speed",
         type=_speed,
@@ -612,6 +620,7 @@ def _execute(parsed: argparse.Namespace) -> int:
             # None of an earlier run is lost.
             log=parsed.log or parsed.plan.with_suffix(f".{datetime.now():%Y%m%d-%H%M%S}.log.jsonl"),
             functions=parsed.functions,
+            without_objects=parsed.without_objects,
         )
     )
 

@@ -79,7 +79,7 @@ def way_back(schedule: Schedule, reached: Mapping[ArmName, float]) -> Schedule |
     fastest = 0.5 * np.pi * (farthest - target) / duration
     stop_share = min(1.0, min(step.stop_share for step in free) / fastest)
     step = ProgramStep(number, target, SegmentKind.TRANSIT, float(duration), words, arms, stop_share, way)
-    return Schedule(schedule.plan, (step,))
+    return replace(schedule, steps=(step,), lift=None)
 
 
 def task_from(schedule: Schedule, reached: float, positions: Array) -> TaskSpec:

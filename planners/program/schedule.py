@@ -136,14 +136,21 @@ class Schedule:
     steps: tuple[ProgramStep, ...]
     lift: LiftSimulation | None = None
     """What is known of the lift that follows the last step; None: no lift does."""
+    with_objects: bool = True
+    """Whether what the plan moves is there."""
 
     @classmethod
-    def of(cls, plan: Plan) -> Schedule:
-        """Return the steps of a plan: one for each segment, and the lift of a plate whose simulation came to it."""
+    def of(cls, plan: Plan, *, with_objects: bool = True) -> Schedule:
+        """Return the steps of a plan: one for each segment, and the lift of a plate whose simulation came to it.
+
+        Without the plate or the objects arms move as planned and bear nothing but hands and tool: no hand presses on
+        what is not there, no object is in a payload, and no lift follows.
+        """
         lift = plan.simulation if isinstance(plan.simulation, LiftSimulation) else None
         if lift is not None and (lift.lift is None or lift.lift.law is None or lift.lift.hand_wrenches is None):
             lift = None
-        return cls(plan, tuple(_StepReader(plan).steps()), lift)
+        steps = tuple(_StepReader(plan, with_objects).steps())
+        return cls(plan, steps, lift if with_objects else None, with_objects)
 
     def since(self, number: int) -> Schedule:
         """Return the steps from one of them on, by its number; they keep their numbers."""
@@ -194,6 +201,7 @@ _FINGERS_ACT = (SegmentKind.GRIP, SegmentKind.RELEASE)
 @dataclass(frozen=True, eq=False)
 class _StepReader:
     plan: Plan
+    with_objects: bool
 
     @cached_property
     def _wrenches(self) -> dict[ArmName, Array]:
@@ -220,7 +228,7 @@ class _StepReader:
         return [0, *np.cumsum([len(segment.time) for segment in self.plan.segments]).tolist()]
 
     def _wrench_curve(self, arm: ArmName, index: int, segment: Segment) -> WrenchCurve | None:
-        if arm not in self._wrenches:
+        if not self.with_objects or arm not in self._wrenches:
             return None
         rows, away = self._rows(arm, index), self._is_away(arm, index)
         takes = index + 1 < len(self.plan.segments) and not self._is_away(arm, index + 1)
@@ -231,7 +239,7 @@ class _StepReader:
         return WrenchCurve(segment.time - segment.time[0], rows)
 
     def _is_free(self, arm: ArmName, index: int) -> bool:
-        if arm not in self._wrenches or not self._is_away(arm, index):
+        if not self.with_objects or arm not in self._wrenches or not self._is_away(arm, index):
             return False
         before = None if index == 0 else self._wrench_curve(arm, index - 1, self.plan.segments[index - 1])
         return before is None or not before.bears
@@ -304,6 +312,8 @@ class _StepReader:
         share = 1.0 / max(1, len(holding))
         for body, T_flange_body in carried_by(arm, beside) if arm in holding else ():
             described = self.plan.bodies[body]
+            if described.role == "object" and not self.with_objects:
+                continue
             carried = share * (described.mass or 0.0)
             mass += carried
             moment += carried * (T_flange_body[:3, :3] @ described.com + T_flange_body[:3, 3])

@@ -170,6 +170,30 @@ def test_the_plate_of_a_lift_is_no_payload(plans: dict[str, Plan]) -> None:
             assert step.arms[arm].load.mass == plan.cell.hands[arm].mass
 
 
+def test_without_objects_arms_move_as_planned_and_bear_nothing_but_hands_and_tool(plans: dict[str, Plan]) -> None:
+    for name in ("ab1", "domino_pile"):
+        plan = plans[name]
+        whole, bare = Schedule.of(plan), Schedule.of(plan, with_objects=False)
+        tool = sum(body.mass or 0.0 for body in plan.bodies.values() if body.role == "tool")
+        lighter = 0
+        for there, step in zip(whole.steps, bare.steps, strict=True):
+            for arm in ARMS:
+                mine, hand = step.arms[arm], plan.cell.hands[arm].mass or 0.0
+                np.testing.assert_array_equal(mine.positions, there.arms[arm].positions)
+                assert (mine.width, mine.squeeze, mine.vacuum) == (
+                    there.arms[arm].width,
+                    there.arms[arm].squeeze,
+                    there.arms[arm].vacuum,
+                )
+                assert mine.wrenches is None
+                assert any(mine.load.mass == pytest.approx(hand + share * tool) for share in (0.0, 0.5, 1.0))
+                lighter += mine.load.mass < there.arms[arm].load.mass - 1e-9
+        assert (lighter > 0) == (name == "domino_pile"), "a plate is in no payload anyway"
+        assert bare.lift is None
+        scripts = [write_urscript(bare, arm) for arm in ARMS]
+        assert all("lw_on_plate" not in script for script in scripts)
+
+
 def test_a_hand_gives_way_to_all_that_it_touches_while_it_comes_and_is_zeroed_where_it_touches_nothing(
     plans: dict[str, Plan],
 ) -> None:

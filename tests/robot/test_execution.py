@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 from planners.contract.arrays import ArmName
+from planners.contract.task_spec import read_task
+from planners.plan.plan import Plan
 from planners.plan.scenery import ARMS
 from planners.program.schedule import STOP_DURATION, ProgramStep, Schedule
 from planners.program.urscript import OPENING_SECONDS, ProgramState
@@ -23,7 +25,9 @@ from tests.support.controller.lock_step import LockStep, lock_step, wait_for
 from tests.support.controller.site import CYCLE
 from tests.support.controller.stand_in import hosts
 from tests.support.moving_plan import DURATION, moving_plan
+from tests.support.plan_shelf import PlanShelf
 from tests.support.samples import among
+from tests.support.service import task
 from workers.robot.arm_link import ArmLink, NoLink
 from workers.robot.execution_log import ExecutionLog
 from workers.robot.executor import Execution, ExecutionSettings, Executor
@@ -364,3 +368,26 @@ def test_after_a_no_both_programs_have_ended_and_may_go_on_from_there() -> None:
 def test_where_no_controller_is_that_is_said() -> None:
     with pytest.raises(NoLink, match="does not answer"):
         ArmLink("127.0.0.9")
+
+
+@pytest.fixture(scope="module")
+def ab1(shelf: PlanShelf) -> Plan:
+    return shelf.plan(read_task(task("ab1.json")))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("with_objects", [True, False])
+def test_a_lift_can_be_run_without_its_plate_where_it_is_told_so(ab1: Plan, with_objects: bool) -> None:
+    """Wrists feel nothing: hands that should press on a plate press on, until their program ends."""
+    schedule = Schedule.of(ab1, with_objects=with_objects)
+    with lock_step(schedule) as clock:
+        site = Cell(schedule, clock, {arm: clock.connect(hosts()[arm]) for arm in ARMS}, io.StringIO())
+        execution = site.execute()
+        recordings = {arm: site.stand_ins[arm].recording() for arm in ARMS}
+    if with_objects:
+        assert execution.stop is not None
+        assert execution.stop.reason is StopReason.OVERLOAD
+        return
+    assert execution.is_done, execution.stop
+    assert execution.step == schedule.last, "no lift follows"
+    assert_as_planned(schedule, recordings)

@@ -154,6 +154,7 @@ class Executor:
                     plan=self._schedule.plan.id,
                     digest=self._schedule.plan.digest,
                     speed=self._settings.speed,
+                    with_objects=self._schedule.with_objects,
                 )
                 return None
             self._wait()
