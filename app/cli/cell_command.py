@@ -238,7 +238,9 @@ class ServiceCells:
             # What is sent lacks the files that something is wrong with.
             _checked(bundle)
         try:
-            return CellResource.model_validate_json(self._client.post("/v1/cells", bundle.zip(), "application/zip"))
+            return self._client.understood(
+                CellResource, self._client.post("/v1/cells", bundle.zip(), "application/zip")
+            )
         except ServiceRefused as error:
             if not error.is_about_the_input:
                 raise
@@ -250,12 +252,12 @@ class ServiceCells:
 
     def all(self) -> list[CellResource]:
         """Return the shipped cells and those that are kept."""
-        return CellList.model_validate_json(self._client.read("/v1/cells")).cells
+        return self._client.read_as(CellList, "/v1/cells").cells
 
     def survey(self, name: str) -> tuple[SurveyFigures, Callable[[], bytes]]:
         """Return what a cell can do, and what draws it."""
         address = f"/v1/cells/{name}/survey"
-        figures = SurveyFigures.model_validate_json(self._client.read(address))
+        figures = self._client.read_as(SurveyFigures, address)
         return figures, lambda: self._client.read(f"{address}.png")
 
     def files(self, name: str) -> bytes:

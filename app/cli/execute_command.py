@@ -7,6 +7,7 @@ import queue
 import re
 import signal
 import sys
+import termios
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -168,7 +169,11 @@ class _Keyboard:
         threading.Thread(target=self._read, name="keyboard", daemon=True).start()
 
     def ask(self, words: str) -> str | None:
-        """Return what is answered, without spaces around it; None: nothing ever will be, or the question is void."""
+        """Return what is answered, without spaces around it; None: nothing ever will be, or the question is void.
+
+        What a person has typed before was no answer to it, and begins no step. What is piped in are answers in order.
+        """
+        self._forget_what_was_typed()
         self._taken_back.clear()
         self._asked.set()
         _say(words, end="")
@@ -182,6 +187,16 @@ class _Keyboard:
             return None
         finally:
             self._asked.clear()
+
+    def _forget_what_was_typed(self) -> None:
+        if not sys.stdin.isatty():
+            return
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        while not self._lines.empty():
+            if self._lines.get() is None:
+                # Nobody is there any more.
+                self._lines.put(None)
+                return
 
     def take_back(self) -> None:
         """Let whoever asks wait no longer."""

@@ -118,7 +118,7 @@ class _Refusal(ServiceAnswer):
     errors: tuple[Problem, ...] = ()
 
 
-Wanted = TypeVar("Wanted", bound=ServiceAnswer)
+Wanted = TypeVar("Wanted", bound=BaseModel)
 
 
 class ServiceRefused(LiftwrightError):
@@ -215,7 +215,7 @@ class ServiceClient:
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
-        return self._read(PlanJob, self.post("/v1/plans", task))
+        return self.understood(PlanJob, self.post("/v1/plans", task))
 
     def post_study(self, study: bytes) -> StudyJob:
         """Post a study, as JSON, and return its job.
@@ -223,7 +223,7 @@ class ServiceClient:
         Raises:
             KeyMissing, ServiceRefused, ServiceAway: It was not accepted.
         """
-        return self._read(StudyJob, self.post("/v1/studies", study))
+        return self.understood(StudyJob, self.post("/v1/studies", study))
 
     def delete(self, path: str) -> None:
         """Delete what is at a path.
@@ -244,7 +244,7 @@ class ServiceClient:
         with ProgressBar() as bar:
             for event in self._events(study.links):
                 if event.event == "finished":
-                    return self._read(StudyJob, event.data)
+                    return self.understood(StudyJob, event.data)
                 known += 1
                 bar.show(f"{known} of {count} points", known / count)
         raise AssertionError("events go on until somebody has what was wanted")
@@ -257,7 +257,7 @@ class ServiceClient:
         """
         with self._connected() as client:
             answer = self._accepted(client.post("/v1/scenes", files={"scan": description, **files}))
-        return self._read(KeptScene, answer.content)
+        return self.understood(KeptScene, answer.content)
 
     def follow(self, plan: PlanJob, called: str = "") -> PlanJob:
         """Show a job's progress until it has ended, and return the plan as it is then.
@@ -272,10 +272,10 @@ class ServiceClient:
         with ProgressBar(called) as bar:
             for event in self._events(plan.links):
                 if event.event == "finished":
-                    job = self._read(PlanJob, event.data)
+                    job = self.understood(PlanJob, event.data)
                     bar.show("done", job.progress.fraction)
                     return job
-                report = self._read(_Report, event.data)
+                report = self.understood(_Report, event.data)
                 bar.show(report.stage, report.fraction)
         raise AssertionError("events go on until somebody has what was wanted")
 
@@ -295,9 +295,13 @@ class ServiceClient:
                         error = f"it answers {source.response.status_code}"
                     else:
                         self._accepted(source.response)
+                        opened = time.monotonic()
                         for event in source.iter_sse():
                             received, away_since = event.id or received, None
                             yield event
+                        if time.monotonic() - opened > RETRY_SECONDS:
+                            # It was there: of a job that waits there is nothing to tell.
+                            away_since = None
             except ServiceAway as away:
                 error = away.__cause__ or away
             away_since = away_since or time.monotonic()
@@ -306,7 +310,21 @@ class ServiceClient:
                 raise ServiceAway(self.address, why)
             time.sleep(RETRY_SECONDS)
 
-    def _read(self, kind: type[Wanted], content: bytes | str) -> Wanted:
+    def read_as(self, kind: type[Wanted], address: str) -> Wanted:
+        """Return what a service has at an address.
+
+        Raises:
+            KeyMissing, ServiceRefused, ServiceAway: It does not answer with it.
+            NotUnderstood: It is something else.
+        """
+        return self.understood(kind, self.read(address))
+
+    def understood(self, kind: type[Wanted], content: bytes | str) -> Wanted:
+        """Return what a service has answered.
+
+        Raises:
+            NotUnderstood: It is something else.
+        """
         try:
             return kind.model_validate_json(content)
         except ValidationError as error:

@@ -17,11 +17,12 @@ from rich.text import Text
 
 from app.cli.output import BadInput, ProgressBar, refuse, written_whole
 from app.cli.plan_command import NO_PLAN, SOLVED
-from app.cli.service_client import ServiceClient, ServiceRefused
+from app.cli.service_client import ServiceClient, ServiceRefused, StudyJob
 from app.cli.task_file import TaskFile
 from app.pictures.study_picture import colour_of, draw_map, whole_percent
 from planners.contract.problems import Problem
 from planners.contract.shapes import named_uploads
+from planners.errors import LiftwrightError
 from planners.study.study import NotAStudy, Study
 from planners.study.study_map import StudyMap, StudyPoint
 from workers.settings import STUDY_COMMAND, WorkerSettings
@@ -98,25 +99,34 @@ def post_study(
     """
     study = {"task": TaskFile.read(str(path)).task, "axes": [axis.document() for axis in axes], "certify": certify}
     client = ServiceClient(service)
-    with written_whole(outputs[0]) as file:
-        try:
+    try:
+        # Whatever is wrong with where the map goes is known before anything is planned.
+        with written_whole(outputs[0]) as file:
             job = client.follow_study(client.post_study(json.dumps(study).encode()))
-        except ServiceRefused as error:
-            if not error.is_about_the_input:
-                raise
-            return refuse(_as_arguments(error.problems, axes), str(path))
-        if job.state != "succeeded":
-            why = job.error.detail if job.error is not None else ""
-            sys.stderr.write(f"liftwright: the study {job.state}: {why}\n")
-            return JOB_FAILED
-        found = StudyMap.model_validate_json(client.read(job.links.map))
-        if file is not None:
-            file.write(found.model_dump_json())
+            if job.state != "succeeded":
+                raise _StudyEnded(job)
+            found = client.read_as(StudyMap, job.links.map)
+            if file is not None:
+                file.write(found.model_dump_json())
+    except ServiceRefused as error:
+        if not error.is_about_the_input:
+            raise
+        return refuse(_as_arguments(error.problems, axes), str(path))
+    except _StudyEnded as ended:
+        sys.stderr.write(f"liftwright: {ended}\n")
+        return JOB_FAILED
     code = _tell(found, outputs[1])
     sys.stdout.write(f"{'study:':<16}{client.address}{job.links.self}\n")
     if job.best_plan is not None:
         sys.stdout.write(f"{'best, certified:':<16} {client.address}{job.best_plan}\n")
     return code
+
+
+class _StudyEnded(LiftwrightError):
+    """There is no map: the study has failed, or was cancelled."""
+
+    def __init__(self, job: StudyJob) -> None:
+        super().__init__(f"the study {job.state}: {job.error.detail if job.error is not None else ''}")
 
 
 @dataclass(frozen=True)

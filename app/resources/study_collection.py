@@ -79,7 +79,8 @@ class StudyCollection:
             study = _in_lasting_cells(study, cells)
             self._require_room()
             record = self.store.accept(study, idempotency_key, self._caller.owner, sent_fingerprint)
-        elif record.sent_fingerprint != sent_fingerprint and not self._asks_for(record, sent, fill, cells):
+        # Somebody else may have used the key just now.
+        if record.sent_fingerprint != sent_fingerprint and not self._asks_for(record, sent, fill, cells):
             raise KeyUsedForAnotherTask
         return self._resources([record])[0]
 

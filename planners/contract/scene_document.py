@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, Self
+
+from pydantic import model_validator
 
 from planners.contract.shapes import Box, Cylinder
 from planners.contract.strict_model import StrictModel
@@ -10,6 +12,9 @@ from planners.contract.strict_model import StrictModel
 Vector2 = tuple[float, float]
 Vector3 = tuple[float, float, float]
 Pose7 = tuple[float, float, float, float, float, float, float]
+
+TABLE = "table"
+"""What stands on no other object stands on this."""
 
 
 class TablePart(StrictModel):
@@ -103,3 +108,22 @@ class SceneDocument(StrictModel):
     unrecognised: tuple[UnrecognisedPart, ...]
     notes: tuple[str, ...]
     """Sentences on what was not found, and why."""
+
+    @model_validator(mode="after")
+    def _all_stand_on_something(self) -> Self:
+        lost = {part.name for part in self.objects} - {part.name for part in self.from_the_table_up()}
+        if lost:
+            raise ValueError(f"neither on the table nor on an object that is: {', '.join(sorted(lost))}")
+        return self
+
+    def from_the_table_up(self) -> tuple[ObjectPart, ...]:
+        """Return the objects, each behind what it stands on; without any that stand on nothing, or on each other."""
+        found: list[ObjectPart] = []
+        carriers = {TABLE}
+        while standing := [part for part in self.objects if part.supported_by in carriers]:
+            found += standing
+            carriers = {part.name for part in standing}
+            if len(found) > len(self.objects):
+                # Two have one name, and stand on it.
+                break
+        return tuple(found[: len(self.objects)])

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from planners.contract.scene_document import TABLE
 from planners.contract.shapes import Box, Cylinder
 from planners.geometry.convex import ConvexShape
 from planners.geometry.pose import Array, rotation_z, transform
 from planners.perception.depth_view import DepthView
 from planners.perception.outline import DiscOutline, Outline, Rectangle, fit_outline
-from planners.perception.perceived_object import TABLE, ObjectUncertainty, PerceivedObject, Unrecognised
+from planners.perception.perceived_object import ObjectUncertainty, PerceivedObject, Unrecognised
 from planners.perception.perception_settings import PerceptionSettings
 from planners.perception.scan_files import ScanRefused
 from planners.perception.seen_points import NOBODY

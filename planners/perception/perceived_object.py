@@ -8,8 +8,6 @@ from planners.contract.shapes import Box, Cylinder
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform
 
-TABLE = "table"
-
 
 @dataclass(frozen=True)
 class ObjectUncertainty:

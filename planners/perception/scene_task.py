@@ -16,12 +16,11 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from planners.cell.cell import Cell
-from planners.contract.scene_document import ObjectPart, SceneDocument, SeenToolPart
+from planners.contract.scene_document import TABLE, ObjectPart, SceneDocument, SeenToolPart
 from planners.contract.shapes import Box, Cylinder
 from planners.errors import SceneError
 from planners.geometry import polygon
 from planners.geometry.pose import Array, Transform, from_pose7, rotation_z, to_pose7, transform
-from planners.perception.perceived_object import TABLE
 
 CERTAINTY = 2.0
 """Sides are moved out by so many of the uncertainties that are told: 19 of 20 are inside [1]."""
@@ -112,7 +111,7 @@ def stand_up(scene: SceneDocument, cell: Cell) -> list[UprightObject]:
     """Put a scene's objects upright onto the cell's table and onto one another, with clearance all round."""
     clearances = _clearances(scene.objects)
     done: dict[str, UprightObject] = {}
-    for part in sorted(scene.objects, key=lambda each: each.pose[2]):
+    for part in scene.from_the_table_up():
         bottom = cell.table_top if part.supported_by == TABLE else done[part.supported_by].top
         x, y, z = _size(part)
         beyond = 2.0 * clearances[part.name]

@@ -1,4 +1,4 @@
-"""What proves that no plan of a suction-tool task exists: weights, widths and ways, in closed form and sound."""
+"""What proves that no plan of a suction-tool task exists: weights and ways, in closed form and sound."""
 
 from __future__ import annotations
 
@@ -6,21 +6,14 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from planners.cell.arm_span import ArmSpan, out_of_reach
-from planners.cell.hand import Gripper
-from planners.geometry.convex import ConvexShape
-from planners.geometry.pose import Array
 from planners.graph.rejections import CAPACITY, Rejection
 from planners.regrasp.statics.hold_statics import OVERLOADED
 from planners.regrasp.suction.suction_hold import CupStrength
 from planners.scene.body import Body
 from planners.scene.moved_object import MovedObject
 from planners.scene.tool_scene import SuctionToolScene
-
-_PARALLEL = 1e-6
-"""Edges whose unit vectors have a shorter product span no plane [1]."""
 
 
 def impossibilities(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> Iterator[Rejection]:
@@ -48,10 +41,6 @@ def impossibilities(scene: SuctionToolScene, to_move: Sequence[MovedObject]) -> 
     carry = max(scene.carry_force_limits.values())
     if weight > carry:
         yield Rejection(CAPACITY, OVERLOADED, heaviest.name, weight, carry, "N")
-    width = min(least_width(part) for part in scene.tool.body.solid.convex_parts)
-    opening = max(arm.hand.width_max for arm in scene.cell.arms.values() if isinstance(arm.hand, Gripper))
-    if width > opening:
-        yield Rejection(CAPACITY, "The tool is thicker all over than a gripper opens.", "tool", width, opening, "m")
     yield from _out_of_reach(scene, to_move)
 
 
@@ -95,30 +84,3 @@ def largest_grip(normal: float, mu: float) -> float:
     It bears friction of two fingers across the closing axis, and one normal force along it.
     """
     return normal * math.hypot(1.0, 2.0 * mu)
-
-
-def least_width(part: ConvexShape) -> float:
-    """Return the least distance of two parallel planes with a convex shape between them [m].
-
-    One of the planes lies on a face, or either on an edge.
-    """
-    hull = ConvexHull(part.vertices)
-    directions = np.vstack([hull.equations[:, :3], _crosses(_edges(part.vertices, hull))])
-    return float(np.ptp(part.vertices @ directions.T, axis=0).min()) + 2.0 * part.radius
-
-
-def _edges(vertices: Array, hull: ConvexHull) -> Array:
-    """Return the different directions of a hull's edges, unit: (k, 3)."""
-    ends = vertices[hull.simplices]
-    edges = (np.roll(ends, -1, axis=1) - ends).reshape(-1, 3)
-    edges /= np.linalg.norm(edges, axis=1, keepdims=True)
-    edges *= np.where(edges[:, 0] < 0.0, -1.0, 1.0)[:, None]
-    return np.unique(edges.round(6), axis=0)
-
-
-def _crosses(edges: Array) -> Array:
-    first, second = np.triu_indices(len(edges), 1)
-    crosses = np.cross(edges[first], edges[second])
-    lengths = np.linalg.norm(crosses, axis=1)
-    good = lengths > _PARALLEL
-    return crosses[good] / lengths[good, None]

@@ -21,7 +21,7 @@ from planners.balance.relaxed_balance import least_shift
 from planners.contract.shapes import Box
 from planners.contract.task_change import PatchOperation
 from planners.contract.task_spec import Obstacle, PlateLiftTask, Support
-from planners.geometry.pose import Array
+from planners.geometry.pose import Array, rotation_z
 from planners.graph.search import DEAD
 from planners.manipulation.cup_place import CupPlaceSearch
 from planners.manipulation.graph.node_examiner import hands_of
@@ -521,11 +521,13 @@ class LiftChanges:
         return told_move(way, self.task.plate_pose)
 
     def _plate_moved(self, way: Array, turn: float = 0.0) -> tuple[PatchOperation, ...]:
-        """Move and turn the plate with the board that it lies on."""
+        """Move and turn the plate with the board that it lies on: the plate stays where it is on that."""
         steps = [put("/plate_pose", moved_pose(self.task.plate_pose, way, turn))]
         support = self.task.support
         if support is not None:
-            steps.append(put("/support/pose", moved_pose(support.pose, way, turn)))
+            beside = np.subtract(support.pose[:2], self.task.plate_pose[:2])
+            swung = rotation_z(turn)[:2, :2] @ beside - beside
+            steps.append(put("/support/pose", moved_pose(support.pose, way + swung, turn)))
         return tuple(steps)
 
     def _board(self) -> Iterator[TaskChange | None]:

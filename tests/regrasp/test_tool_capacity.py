@@ -10,7 +10,6 @@ import pytest
 
 from planners.cell.cell import Cell
 from planners.contract.task_spec import read_task
-from planners.geometry.convex import ConvexShape
 from planners.plan.verdicts import PlanningOutcome
 from planners.planning import plan
 from planners.progress import silent
@@ -18,7 +17,7 @@ from planners.regrasp.grasps.handovers import HandoverDatabase
 from planners.regrasp.grasps.tool_grasps import ToolGrasps
 from planners.regrasp.planner import SuctionToolPlanner, _has_to_move, infeasible_plan
 from planners.regrasp.suction.suction_hold import suction_margin
-from planners.regrasp.tool_capacity import largest_lift, least_width
+from planners.regrasp.tool_capacity import largest_lift
 from planners.regrasp.tool_settings import ToolPlannerSettings
 from planners.scene.scene import build_scene
 from planners.scene.suction_tool import SuctionTool
@@ -41,18 +40,6 @@ def test_no_wrench_within_the_cones_has_more_along_any_direction_than_the_larges
     held = suction_margin(wrenches, cup) >= 0.0
     assert held.sum() > 20
     assert np.linalg.norm(forces[held], axis=1).max() <= largest_lift(cup)
-
-
-def test_the_least_width_of_a_body_is_that_of_its_slimmest_direction() -> None:
-    rng = np.random.default_rng(2)
-    directions = rng.normal(size=(20000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    for _ in range(5):
-        vertices = rng.normal(size=(7, 3))
-        width = least_width(ConvexShape(vertices, 0.1))
-        sampled = float(np.ptp(vertices @ directions.T, axis=0).min()) + 0.2
-        assert width <= sampled + 1e-12
-        assert width == pytest.approx(sampled, abs=0.03)
 
 
 def planner_of(scene, handovers=None) -> SuctionToolPlanner:

@@ -124,10 +124,11 @@ class CellStore:
         known = self.get(cell_id)
         if known is not None:
             again = {"deleted_us": None, "created_us": now_us()}
-            self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(again))
-            return self._there(cell_id), known.deleted
+            if self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(again)):
+                return self._there(cell_id), known.deleted
+            # What was left of it has just been forgotten.
         version = sa.select(sa.func.coalesce(sa.func.max(CELLS.c.version), 0) + 1).where(
-            CELLS.c.name == bundle.name, CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner
+            CELLS.c.name == bundle.name, CELLS.c.owner.is_not_distinct_from(owner)
         )
         row = {
             "id": cell_id,
@@ -174,7 +175,7 @@ class CellStore:
         query = sa.select(*_COLUMNS).where(
             CELLS.c.name == name,
             CELLS.c.deleted_us.is_(None),
-            CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner,
+            CELLS.c.owner.is_not_distinct_from(owner),
         )
         found = self._database.rows(query.order_by(CELLS.c.created_us.desc(), CELLS.c.version.desc()).limit(1))
         return _stored(found[0]) if found else None
@@ -183,7 +184,7 @@ class CellStore:
         """Return the cells that an owner, or anybody, has, by name, newest version first."""
         query = sa.select(*_COLUMNS).where(CELLS.c.deleted_us.is_(None))
         if not anybodys:
-            query = query.where(CELLS.c.owner.is_(None) if owner is None else CELLS.c.owner == owner)
+            query = query.where(CELLS.c.owner.is_not_distinct_from(owner))
         return [_stored(row) for row in self._database.rows(query.order_by(CELLS.c.name, CELLS.c.version.desc()))]
 
     def zip(self, cell_id: str) -> bytes | None:

@@ -277,7 +277,6 @@ DELIVERIES = sa.Table(
     sa.Index("liftwright_webhook_deliveries_newest", "webhook_id", "created_us", "id"),
     sa.Index("liftwright_webhook_deliveries_by_state", "state"),
     sa.Index("liftwright_webhook_deliveries_of_plan", "plan_id"),
-    sa.Index("liftwright_webhook_deliveries_of_plan", "plan_id"),
 )
 
 DELIVERY_ATTEMPTS = sa.Table(

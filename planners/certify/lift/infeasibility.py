@@ -1,17 +1,19 @@
 """What proves that a plate lift has no plan, derived again from the task.
 
 There are three proofs. A lifted plate touches nothing but hands and cup, so a weight above the sum of what these can
-bear cannot be lifted. And a plan ends with the plate gripped between two parallel faces, so a plate whose every pair of
-parallel faces is farther apart than a gripper opens cannot be gripped. And nothing moves the plate before a hand
-touches it where it lies. The first is asked of another solver as well.
+bear cannot be lifted. And a plan ends with the plate gripped between two faces that friction lets pads hold, so a plate
+whose every pair of such faces is farther apart than a gripper opens cannot be gripped. And nothing moves the plate
+before a hand touches it where it lies. The first is asked of another solver as well.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.certify.common.infeasibility import (
     Bound,
@@ -26,8 +28,11 @@ from planners.certify.geometry.body_shape import BodyShape
 from planners.certify.lift.task import LiftTask
 from planners.certify.plan_view import PlanView
 from planners.contract.task_spec import PlateLiftTask
+from planners.geometry.pose import Array
 from planners.plan.verdicts import Check
 
+_ON_FACE = 1e-7
+"""A vertex that is no deeper than this is on a face [m]."""
 _WEIGHTLESS = 1e-12
 """Stands for no weight at all, so that shares of it are numbers [N]."""
 
@@ -36,7 +41,7 @@ def lift_infeasibility_check(evidence: Evidence, task: LiftTask) -> Check:
     """Check that a plan without a solution is proven to have none, and that its causes state the proof's numbers."""
     plan, shape = evidence.plan, task.plate.shape
     assert shape is not None
-    plate, widths = plan.plate, face_distances(shape)
+    plate, widths = plan.plate, face_distances(shape, task.stated.friction.grip)
     opening = Bound(min(widths), widths, plan.opening)
     reach = reach_bound(evidence, plate.T_world_start[:3, 3], body_radius(plate))
     return proof_check(evidence, {"N": (_weight_bound(plan, task),), "m": (opening, reach)})
@@ -57,11 +62,36 @@ def _hand_force(kind: str, most: float, task: PlateLiftTask) -> float:
     return min(most, contacts * task.hand_force_limit.normal * math.hypot(1.0, friction))
 
 
-def face_distances(shape: BodyShape) -> tuple[float, float]:
-    """Return thickness (along z) and the narrowest width from side to side of a prism [m].
+def face_distances(shape: BodyShape, friction: float) -> tuple[float, float]:
+    """Return thickness (along z), and how near to each other two sides of a prism are that pads can hold [m].
 
-    The width of a convex outline is smallest square to one of its sides.
+    Where its friction allows a pad to hold a side slantwise, sides whose normals are opposite within twice the angle
+    of friction can be held, at the nearest where they are nearest; from 45 degrees on any two that meet.
     """
-    normals = np.vstack([part.planes[:, :3] for part in shape.parts])
-    sides = normals[np.abs(normals[:, 2]) < 0.5]
-    return float(np.ptp(shape.vertices[:, 2])), float(np.ptp(shape.vertices @ sides.T, axis=0).min())
+    (prism,) = shape.parts
+    sides = [prism.vertices[_on(plane, prism.vertices), :2] for plane in prism.planes if abs(plane[2]) < 0.5]
+    normals = [plane[:2] for plane in prism.planes if abs(plane[2]) < 0.5]
+    most = 2.0 * math.atan(friction)
+    gaps = [
+        min(_gap(one, other), _gap(other, one))
+        for (n, one), (m, other) in itertools.combinations(zip(normals, sides, strict=True), 2)
+        if math.acos(np.clip(-float(n @ m), -1.0, 1.0)) <= most
+    ]
+    return float(np.ptp(shape.vertices[:, 2])), min(gaps, default=math.inf)
+
+
+def _on(plane: Array, vertices: Array) -> NDArray[np.bool_]:
+    along = vertices @ plane[:3]
+    return along > along.max() - _ON_FACE
+
+
+def _gap(side: Array, other: Array) -> float:
+    """Return how near the corners of a side (n, 2) come to another side (m, 2), a straight one [m]."""
+    begin, end = other[np.argmin(other @ _along(other))], other[np.argmax(other @ _along(other))]
+    share = np.clip((side - begin) @ (end - begin) / ((end - begin) @ (end - begin)), 0.0, 1.0)
+    return float(np.linalg.norm(side - begin - share[:, None] * (end - begin), axis=1).min())
+
+
+def _along(side: Array) -> Array:
+    far = side[np.argmax(np.linalg.norm(side - side[0], axis=1))]
+    return far - side[0]

@@ -1,9 +1,9 @@
 """What proves that a suction-tool task has no plan, derived again from the task.
 
 An object that is moved hangs on the cup, whose wrench bears its weight at least where it is lifted; and with it the
-tool hangs in one hand: where two hold it, nothing moves. A tool whose every convex part is wider than a gripper opens
-cannot be gripped. And a hand has to reach the tool where it is, and with the tool every object that is not at its goal,
-at the start and at the goal: a point of the tool is between its pads, and the cup's lip, its origin, on the object.
+tool hangs in one hand: where two hold it, nothing moves. And a hand has to reach the tool where it is, and with the
+tool every object that is not at its goal, at the start and at the goal: a point of the tool is between its pads, and
+the cup's lip, its origin, on the object.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from planners.certify.common.infeasibility import (
     stated_lift,
 )
 from planners.certify.evidence import Evidence
-from planners.certify.geometry.body_shape import ConvexPart
 from planners.certify.tool.goals import goal_margins
 from planners.certify.tool.task import TOOL, StatedObject, ToolTask
 from planners.plan.verdicts import Check
@@ -48,9 +47,7 @@ def tool_infeasibility_check(evidence: Evidence, task: ToolTask) -> Check:
         cup = task.tool.cup
         second = partial(stated_lift, cup, "dexnet", ())
         forces.append(Bound(weight, (weight,), largest_lift(cup, "dexnet"), second))
-    narrowest = min(_width(part) for part in tool.shape.parts)
-    opening = Bound(narrowest, (narrowest,), plan.opening)
-    return proof_check(evidence, {"N": forces, "m": [opening, *_reach_bounds(evidence, to_move)]})
+    return proof_check(evidence, {"N": forces, "m": _reach_bounds(evidence, to_move)})
 
 
 def _reach_bounds(evidence: Evidence, to_move: Sequence[StatedObject]) -> list[Bound]:
@@ -68,12 +65,3 @@ def _reach_bounds(evidence: Evidence, to_move: Sequence[StatedObject]) -> list[B
         places = body.T_world_start[:3, 3], stated.T_world_goal[:3, 3]
         bounds += [reach_bound(evidence, place, length + body_radius(body)) for place in places]
     return bounds
-
-
-def _width(part: ConvexPart) -> float:
-    """Return the least width of a convex part: square to a face, or to an edge of each of two sides."""
-    first, second = np.triu_indices(len(part.edges), 1)
-    crosses = np.cross(part.edges[first], part.edges[second])
-    lengths = np.linalg.norm(crosses, axis=1)
-    directions = np.vstack([part.planes[:, :3], crosses[lengths > 1e-6] / lengths[lengths > 1e-6, None]])
-    return float(np.ptp(part.vertices @ directions.T, axis=0).min())

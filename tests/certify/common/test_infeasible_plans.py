@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from typing import Any
 
 import numpy as np
@@ -266,13 +267,34 @@ def test_the_lifters_bound_is_the_best_of_a_linear_program_over_all_tilts(model:
     assert best >= largest_lift(cup, model) * (1 - 4e-4)
 
 
-def test_the_narrowest_width_of_an_outline_is_the_least_over_all_directions() -> None:
-    rng = np.random.default_rng(5)
+@pytest.mark.parametrize("friction", [0.1, 0.5, 0.9])
+def test_no_two_points_between_which_pads_hold_a_plate_are_nearer_than_is_said(friction: float) -> None:
+    """Brute force: points of the rim, and the lines between them that are within friction of square to both sides."""
+    rng, cone, held = np.random.default_rng(5), math.atan(friction), 0
     for _ in range(20):
         angles = np.sort(rng.uniform(0, 2 * np.pi, 7))
         outline = np.column_stack([0.3 * np.cos(angles), 0.2 * np.sin(angles)])
-        directions = np.linspace(0, np.pi, 20_001)
-        extents = np.ptp(outline @ np.array([np.cos(directions), np.sin(directions)]), axis=0)
-        thickness, width = face_distances(prism(outline, 0.05))
+        ends = np.roll(outline, -1, axis=0)
+        shares = np.linspace(0.0, 1.0, 41)[:, None]
+        rim = np.vstack([begin + shares * (end - begin) for begin, end in zip(outline, ends, strict=True)])
+        along = (ends - outline) / np.linalg.norm(ends - outline, axis=1, keepdims=True)
+        inward = np.repeat(np.column_stack([-along[:, 1], along[:, 0]]), len(shares), axis=0)
+        lines = rim[None] - rim[:, None]
+        lengths = np.linalg.norm(lines, axis=2)
+        with np.errstate(invalid="ignore"):
+            slants = np.arccos(np.clip(np.einsum("ijk,ik->ij", lines, inward) / lengths, -1.0, 1.0))
+        holds = (slants < cone) & (slants.T < cone)
+        held += holds.any()
+        thickness, width = face_distances(prism(outline, 0.05), friction)
         assert thickness == pytest.approx(0.05)
-        assert width == pytest.approx(extents.min(), rel=1e-3)
+        assert lengths[holds].min(initial=math.inf) >= width - 1e-9
+    assert held > 5
+
+
+def test_two_sides_of_a_box_are_as_far_apart_as_it_is_wide_and_a_taper_as_at_its_narrow_end() -> None:
+    box = np.array([[-0.1, -0.06], [0.1, -0.06], [0.1, 0.06], [-0.1, 0.06]])
+    assert face_distances(prism(box, 0.05), 0.5) == pytest.approx((0.05, 0.12))
+    taper = np.array([[-0.2, -0.05], [0.2, -0.04], [0.2, 0.04], [-0.2, 0.05]])
+    assert face_distances(prism(taper, 0.05), 0.5) == pytest.approx((0.05, 0.08))
+    # As slippery as this, only the ends, which are parallel, can be held.
+    assert face_distances(prism(taper, 0.05), 0.02) == pytest.approx((0.05, 0.4))
