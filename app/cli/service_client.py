@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -288,6 +289,7 @@ class ServiceClient:
         received, away_since = "", None
         while True:
             error: BaseException | str = "it closed the event stream"
+            open_since = math.inf
             try:
                 asked = {"Last-Event-ID": received} if received else {}
                 with self._connected() as client, connect_sse(client, "GET", links.events, headers=asked) as source:
@@ -295,15 +297,15 @@ class ServiceClient:
                         error = f"it answers {source.response.status_code}"
                     else:
                         self._accepted(source.response)
-                        opened = time.monotonic()
+                        open_since = time.monotonic()
                         for event in source.iter_sse():
                             received, away_since = event.id or received, None
                             yield event
-                        if time.monotonic() - opened > RETRY_SECONDS:
-                            # It was there: of a job that waits there is nothing to tell.
-                            away_since = None
             except ServiceAway as away:
                 error = away.__cause__ or away
+            if time.monotonic() - open_since > RETRY_SECONDS:
+                # It was there: of a job that waits there is nothing to tell.
+                away_since = None
             away_since = away_since or time.monotonic()
             if time.monotonic() - away_since > RESTART_SECONDS:
                 why = f"{error}; if it is there again, what was posted is at {self.address}{links.self}"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import zipfile
 from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import cv2
@@ -135,3 +137,27 @@ def test_what_a_service_refuses_is_told_where_it_stands_in_what_was_given(
 def with_urdf(document: dict[str, Any]) -> dict[str, Any]:
     arms = {**document["arms"], "right": {**document["arms"]["right"], "robot": INDUSTRIAL}}
     return {**document, "arms": arms}
+
+
+class NoPlanner(BaseHTTPRequestHandler):
+    """Stands for whatever else answers at an address."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(b"<html>Welcome</html>")
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing."""
+
+
+def test_what_is_no_answer_of_a_service_is_told_so_and_is_no_fault_of_the_input(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with ThreadingHTTPServer(("127.0.0.1", 0), NoPlanner) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{server.server_address[1]}"
+        for words in (["list"], ["show", "mine"]):
+            assert main(["cell", *words, "--service", address]) == 1
+            assert address in capsys.readouterr().err
+        server.shutdown()

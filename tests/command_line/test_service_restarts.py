@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -42,9 +43,9 @@ class Restarting(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def restarting() -> Iterator[tuple[str, list[str | None]]]:
+def restarting(kind: type[Restarting] = Restarting) -> Iterator[tuple[str, list[str | None]]]:
     asked = list[str | None]()
-    with ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (Restarting,), {"asked": asked})) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), type("Handler", (kind,), {"asked": asked})) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_address[1]}", asked
         server.shutdown()
@@ -61,3 +62,25 @@ def test_of_a_service_that_stays_away_it_is_told_where_the_job_is(monkeypatch: p
     monkeypatch.setattr(service_client, "RESTART_SECONDS", 0.0)
     with restarting() as (address, _), pytest.raises(ServiceAway, match=f"{address}/v1/plans/p1"):
         ServiceClient(address).follow(BEGUN)
+
+
+class Waiting(Restarting):
+    """Stands for a service whose proxy ends the stream of a job that waits, again and again."""
+
+    def do_GET(self) -> None:
+        self.asked.append(self.headers["Last-Event-ID"])
+        self.send_response(200)
+        self.send_header("Content-Type", "text/event-stream")
+        self.end_headers()
+        if len(self.asked) < 6:
+            time.sleep(0.1)
+        else:
+            self._tell(1, "finished", ENDED.model_dump_json())
+
+
+def test_a_job_that_waits_is_followed_for_as_long_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(service_client, "RETRY_SECONDS", 0.01)
+    monkeypatch.setattr(service_client, "RESTART_SECONDS", 0.2)
+    with restarting(Waiting) as (address, asked):
+        assert ServiceClient(address).follow(BEGUN) == ENDED
+    assert len(asked) == 6

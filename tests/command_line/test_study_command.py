@@ -94,5 +94,8 @@ def test_a_service_finds_the_same_kind_of_map(tmp_path: Path, capsys: pytest.Cap
         assert f"{address}/v1/plans/" in printed
         assert main(["study", WEAK, "--axis", "/cup/force=1,2", "--service", address]) == BAD_INPUT
         assert "--axis /cup/force: " in capsys.readouterr().err
+        refused = ["study", WEAK, "--axis", "/cup/force=1,2", "--service", address, "--out", str(out)]
+        assert main(refused) == BAD_INPUT
+    # What was written before is not lost for it.
     found = json.loads(out.read_text())
     assert (found["done"], found["best"]["values"]) == (5, [30.0])

@@ -234,3 +234,36 @@ def test_a_deleted_cell_goes_with_the_last_study_in_it(
     assert cells.forget_deleted() == 0
     studies.delete(record.id)
     assert cells.forget_deleted() == 1
+
+
+def test_no_version_of_a_name_is_given_twice(cells: CellStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever kept a note of version 2 must not find something else under it."""
+    monkeypatch.setattr("workers.stores.cell_store.KEPT_US", -1)
+    collection = CellCollection({}, cells)
+    first, second = (add(collection, bundle(gravity=[0, 0, -9.8 - each])) for each in (0.0, 0.01))
+    for each in (first, second):
+        cells.delete(each.id)
+    assert cells.forget_deleted() == 2
+    assert cells.forget_deleted() == 0
+    assert cells.load(second.id) is None
+    third = add(collection, bundle(gravity=[0, 0, -9.82]))
+    assert [each.version for each in (first, second, third)] == [1, 2, 3]
+    again = add(collection, bundle(gravity=[0, 0, -9.81]))
+    assert (again.id, again.version) == (second.id, 2)
+    assert cells.load(again.id) is not None
+
+
+def test_a_cell_that_is_forgotten_while_it_is_posted_again_is_there(
+    cells: CellStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    collection, kept = CellCollection({}, cells), bundle()
+    stored = add(collection, kept)
+    looked_up = cells.get(stored.id)
+    with cells._database.engine.begin() as transaction:
+        transaction.execute(sa.delete(CELLS))
+    with monkeypatch.context() as just_before:
+        answers = iter([looked_up])
+        look = cells.get
+        just_before.setattr(cells, "get", lambda cell_id: next(answers, None) or look(cell_id))
+        assert add(collection, kept).id == stored.id
+    assert cells.load(stored.id) is not None

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from planners.cell.asset_shelf import shipped_tool
 from planners.cell.cell import Cell, load_cell
@@ -19,7 +20,7 @@ from planners.contract.task_spec import SuctionToolTask, ToolPart, read_task
 from planners.errors import SceneError
 from planners.geometry.pose import from_pose7
 from planners.perception.perceive import PerceivedScene, perceive
-from planners.perception.scene_task import fill_from_scene
+from planners.perception.scene_task import fill_from_scene, stand_up
 from planners.scene.scene import build_scene
 from tests.support.scan_frames import PILES, SHIPPED, shipped
 
@@ -210,3 +211,24 @@ def test_a_table_that_was_seen_elsewhere_is_refused(scene: SceneDocument, cell: 
     moved = changed(scene, table={**scene.table.model_dump(), "height": scene.table.height + 0.02})
     with pytest.raises(SceneError, match="mm off its height"):
         fill_from_scene(task("object_1"), moved, cell)
+
+
+@pytest.mark.parametrize("carriers", [["ghost"], ["a"], ["b", "a"], ["b", "c", "b"]])
+def test_a_scene_whose_objects_stand_on_nothing_there_is_is_refused(scene: SceneDocument, carriers: list[str]) -> None:
+    one = scene.model_dump(mode="json")["objects"][0]
+    objects = [{**one, "name": name, "supported_by": each} for name, each in zip("abc", carriers, strict=False)]
+    with pytest.raises(ValidationError, match="neither on the table nor on an object"):
+        SceneDocument.model_validate_json(json.dumps({**scene.model_dump(mode="json"), "objects": objects}))
+
+
+def test_objects_are_stood_up_from_the_table_whatever_their_heights(scene: SceneDocument, cell: Cell) -> None:
+    """A low and wide object is seen before the one below it, or the depth is off: order is by what carries what."""
+    one = scene.model_dump(mode="json")["objects"][0]
+    x, y, z, *turn = one["pose"]
+    objects = [
+        {**one, "name": "upper", "supported_by": "lower", "pose": [x, y, z, *turn]},
+        {**one, "name": "lower", "supported_by": "table", "pose": [x, y, z + 0.5, *turn]},
+    ]
+    document = SceneDocument.model_validate_json(json.dumps({**scene.model_dump(mode="json"), "objects": objects}))
+    upper, lower = stand_up(document, cell)
+    assert upper.top > lower.top > cell.table_top

@@ -389,3 +389,18 @@ def test_what_is_far_off_for_a_small_arm_only_is_helped_in_all_ways_by_a_larger_
     ).by_kind()
     firsts = [next(iter(kind), None) for kind in kinds]
     assert {"cup_force", "tool"} <= {change.kind for change in firsts if change is not None}
+
+
+@pytest.mark.parametrize("degrees", [-90.0, 30.0, 180.0])
+def test_a_plate_that_is_turned_stays_where_it_is_on_its_board(degrees: float) -> None:
+    """The board's origin may be anywhere beside the plate's."""
+    plate = [0.3, 0.1, TOP + 0.07, 1, 0, 0, 0]
+    support = {"shape": {"type": "box", "size": [0.6, 0.6, 0.05]}, "pose": [0.35, 0.04, TOP + 0.025, 1, 0, 0, 0]}
+    task = posted("ab1", support=support, plate_pose=plate)
+    assert isinstance(task, PlateLiftTask)
+    changes = LiftChanges(task, build_scene, LiftSettings(), Effort(0), silent)
+    moved = {step.path: step.value for step in changes._plate_moved(np.array([0.02, -0.01]), math.radians(degrees))}
+    T_plate, T_board = (from_pose7(np.array(moved[path], dtype=float)) for path in ("/plate_pose", "/support/pose"))
+    np.testing.assert_allclose(T_plate[:2, 3], [0.32, 0.09], atol=1e-6)
+    before = np.linalg.inv(from_pose7(np.array(plate))) @ from_pose7(np.array(support["pose"]))
+    np.testing.assert_allclose(np.linalg.inv(T_plate) @ T_board, before, atol=1e-6)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import io
 import json
 import os
+import pty
 import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 
 from app.cli import execute_command
-from app.cli.execute_command import ExecuteRequest, execute_file
+from app.cli.execute_command import ExecuteRequest, _Keyboard, execute_file
 from app.cli.output import BadInput
 from planners.plan.scenery import ARMS
 from planners.program.schedule import Schedule
@@ -166,3 +168,23 @@ def test_functions_for_what_is_mounted_are_in_both_programs_in_place_of_the_defa
         program = write_urscript(SCHEDULE, arm, functions=given)
         assert program.count("def site_fingers(") == program.count("def site_vacuum(") == 1
         assert "63352" not in program
+
+
+def test_what_was_typed_before_it_was_asked_for_begins_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who pressed Enter while the plan was certified has not seen what it would begin."""
+    person, terminal = pty.openpty()
+    with os.fdopen(terminal) as keyboard:
+        monkeypatch.setattr(sys, "stdin", keyboard)
+        os.write(person, b"\n\n")
+        asked = _Keyboard()
+        answers: list[str | None] = []
+        # What is typed last is its end.
+        for typed in (b"y\nearly\n", b"y\nearly\n", b"\x04"):
+            asking = Thread(target=lambda: answers.append(asked.ask("")), daemon=True)
+            asking.start()
+            asking.join(0.3)
+            assert asking.is_alive(), "nobody has answered yet"
+            os.write(person, typed)
+            asking.join(5.0)
+        assert answers == ["y", "y", None]
+        os.close(person)

@@ -123,7 +123,7 @@ class CellStore:
         cell_id = _id_of(bundle.digest, owner)
         known = self.get(cell_id)
         if known is not None:
-            again = {"deleted_us": None, "created_us": now_us()}
+            again = {"deleted_us": None, "created_us": now_us(), "zip": bundle.zip()}
             if self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(again)):
                 return self._there(cell_id), known.deleted
             # What was left of it has just been forgotten.
@@ -188,7 +188,7 @@ class CellStore:
         return [_stored(row) for row in self._database.rows(query.order_by(CELLS.c.name, CELLS.c.version.desc()))]
 
     def zip(self, cell_id: str) -> bytes | None:
-        """Return all files of a cell."""
+        """Return all files of a cell; nothing of one that was forgotten."""
         return self._database.scalar(sa.select(CELLS.c.zip).where(CELLS.c.id == cell_id))
 
     def unpacked(self, cell_id: str) -> Path | None:
@@ -219,12 +219,20 @@ class CellStore:
         self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(deleted_us=now_us()))
 
     def forget_deleted(self) -> int:
-        """Remove deleted cells that no plan and no study is in, and return how many there were."""
+        """Remove the files of deleted cells that no plan and no study is in, and return how many cells there were.
+
+        The last version of a name stays known without them, so that no other one is ever called so.
+        """
         planned = sa.exists().where(PLANS.c.cell == CELLS.c.id)
         # Points of a study may be planned as long as it is there. Nothing else in it looks like an id.
         studied = sa.exists().where(STUDIES.c.study.contains(CELLS.c.id))
         old = CELLS.c.deleted_us < now_us() - KEPT_US
-        return self._database.write(sa.delete(CELLS).where(old, ~planned, ~studied))
+        gone = old & ~planned & ~studied & (sa.func.length(CELLS.c.zip) > 0)
+        later = CELLS.alias()
+        same_name = (later.c.name == CELLS.c.name) & later.c.owner.is_not_distinct_from(CELLS.c.owner)
+        is_last = ~sa.exists().where(same_name, later.c.version > CELLS.c.version)
+        emptied = self._database.write(sa.update(CELLS).where(gone, is_last).values(zip=b""))
+        return emptied + self._database.write(sa.delete(CELLS).where(gone, ~is_last))
 
     def clear_folder(self) -> int:
         """Remove the files of this machine that belong to no cell, and return of how many cells they were.
@@ -235,7 +243,7 @@ class CellStore:
         settled = [path for path in self._found() if _changed(path) < time.time() - SETTLED_SECONDS]
         if not settled:
             return 0
-        rows = self._database.rows(sa.select(CELLS.c.id, CELLS.c.owner))
+        rows = self._database.rows(sa.select(CELLS.c.id, CELLS.c.owner).where(sa.func.length(CELLS.c.zip) > 0))
         ids, owners = {row.id for row in rows}, {row.owner for row in rows}
         left = [path for path in settled if not any(_id_of(path.name, owner) in ids for owner in owners)]
         for path in left:
@@ -265,7 +273,7 @@ class CellStore:
 
     def _bundle(self, cell_id: str) -> CellBundle | None:
         content = self.zip(cell_id)
-        if content is None:
+        if not content:
             return None
         bundle = CellBundle.of_zip(content)
         with suppress(OSError):
