@@ -405,9 +405,12 @@ class PlanStore:
         return self._one(_RECORDS.where(PLANS.c.id == plan_id))
 
     def by_key(self, idempotency_key: str | None, owner: str | None = None) -> PlanRecord | None:
-        """Return the plan that a key of an owner made; None without a key."""
+        """Return the plan that a key of an owner made, once that cannot be lost; None without a key."""
         key = stored_key(idempotency_key, owner)
-        return None if key is None else self._by_keys([key]).get(key)
+        known = None if key is None else self._by_keys([key]).get(key)
+        if known is not None:
+            self._database.confirm()
+        return known
 
     def _by_keys(self, keys: Sequence[str], transaction: sa.Connection | None = None) -> dict[str, PlanRecord]:
         """Return the plans that keys made, by key as it is stored."""

@@ -75,7 +75,6 @@ class StudyStore:
         """
         known = self.by_key(idempotency_key, owner)
         if known is not None:
-            self._database.confirm()
             return known
         values = {
             "id": uuid.uuid4().hex,
@@ -99,7 +98,6 @@ class StudyStore:
             known = self.by_key(idempotency_key, owner)
             if known is None:
                 raise
-            self._database.confirm()
             return known
         record = self.get(values["id"])
         assert record is not None
@@ -110,10 +108,13 @@ class StudyStore:
         return self._one(_STUDIES.where(STUDIES.c.id == study_id))
 
     def by_key(self, idempotency_key: str | None, owner: str | None) -> StudyRecord | None:
-        """Return the study that a key of an owner made; None without a key."""
+        """Return the study that a key of an owner made, once that cannot be lost; None without a key."""
         if idempotency_key is None:
             return None
-        return self._one(_STUDIES.where(STUDIES.c.idempotency_key == stored_key(idempotency_key, owner)))
+        known = self._one(_STUDIES.where(STUDIES.c.idempotency_key == stored_key(idempotency_key, owner)))
+        if known is not None:
+            self._database.confirm()
+        return known
 
     def newest(self, most: int, before: Position | None, owner: str | None) -> list[StudyRecord]:
         """Return at most `most` studies, of one owner or of all, newest first, from behind the one at `before`."""
