@@ -73,19 +73,30 @@ def test_a_request_that_is_made_again_is_answered_once_the_standby_has_what_it_m
         primary.kill()
         first.join()
         primary.start()
-        wait_for(lambda: store.by_key("order") is not None, 30.0)
-        again = threading.Thread(target=post)
-        again.start()
-        again.join(2.0)
+        wait_for(lambda: bool(store.newest(1, None)), 30.0)
+        found: list[str] = []
+
+        def look() -> None:
+            known = store.by_key("order")
+            assert known is not None
+            found.append(known.id)
+
+        again = [threading.Thread(target=each) for each in (post, look)]
+        for each in again:
+            each.start()
+        for each in again:
+            each.join(2.0)
         assert not answered
+        assert not found
         standby.start()
-        again.join(30.0)
+        for each in again:
+            each.join(30.0)
         primary.kill()
         standby.promote()
         taken_over = {"data_dir": tmp_path, "database_url": standby.url}
         promoted = open_database(WorkerSettings.model_validate(taken_over))
         stack.callback(promoted.close)
-        assert [plan.id for plan in PlanStore(promoted).newest(9, None)] == answered
+        assert [plan.id for plan in PlanStore(promoted).newest(9, None)] == answered == found
         assert len(answered) == 1
 
 
