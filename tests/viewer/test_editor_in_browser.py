@@ -219,6 +219,7 @@ def test_a_change_is_judged_though_the_one_before_could_not_be(open_page: Callab
     page = open_page("")
     wait_for_verdict(page, accepted=False)
     for answer in ("refused", "fault"):
+        page.wait_for_function("!editor.judging")
         page.evaluate(
             "(type) => { const { connection } = editor, send = connection.send.bind(connection);"
             " connection.send = (request) => (request.type === 'judge'"
