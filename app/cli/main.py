@@ -116,7 +116,7 @@ EXECUTE_EXAMPLES = """\
 examples:
   liftwright execute plan.json --left 192.168.1.11 --right 192.168.1.12                      would it begin?
   liftwright execute plan.json --left 192.168.1.11 --right 192.168.1.12 --run --speed 0.1    step by step, slowly
-  liftwright execute plan.json --left … --right … --run --without-objects                         at first, with no plate there
+  liftwright execute plan.json --left … --right … --run --without-objects                    first: with no plate
   make demo-robot                                                                            the same without robots
 """
 SCENE_DESCRIPTION = """\
