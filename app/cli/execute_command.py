@@ -272,12 +272,9 @@ class _Session:
             _say(f"  {name:5s} [{joints}] rad, {np.linalg.norm(state.force):.0f} N at the wrist")
         segment = schedule.plan.at(at).segment
         part = None if segment is None else schedule.plan.segments[segment]
-        held = (
-            {}
-            if part is None or not schedule.with_objects
-            else {body: ride.to for body, ride in part.rides} | held_in(part)
-        )
-        for body, carrier in held.items():
+        if part is None or not schedule.with_objects:
+            return
+        for body, carrier in ({body: ride.to for body, ride in part.rides} | held_in(part)).items():
             _say(f"  {body} is held by {carrier}: fingers and vacuum stay as they are")
 
     def _after(self, schedule: Schedule, reached: Mapping[ArmName, float]) -> Schedule | None:

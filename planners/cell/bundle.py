@@ -232,6 +232,8 @@ class CellBundle:
                 whole.replace(place)
             except OSError:
                 # Another process was faster, or a loss of power has left a part of it.
+                if not place.is_dir():
+                    raise
                 if not self._is_at(place):
                     place.replace(Path(fresh, "torn"))
                     whole.replace(place)

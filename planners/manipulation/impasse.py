@@ -207,14 +207,14 @@ class _Stages:
         reached = ([None, *np.flatnonzero(some[pose]).tolist()] for some in self._reached.some)
         # The last ones have both hands, where both reach.
         holds: list[HandPair] = list(itertools.product(*reached))[:0:-1]
+        if not holds:
+            return
         least = math.inf
-        for hands in holds[:: math.ceil(len(holds) / _REACHED) or 1]:
+        for hands in holds[:: math.ceil(len(holds) / _REACHED)]:
             if isinstance(balance.solve(there.T_world_plate, there.contact_points, hands), Balanced):
                 return
             more = least_force(balance.program(there.T_world_plate, there.contact_points, hands))
             least = least if more is None else min(least, more)
-        if not holds:
-            return
         pull = self._sampling.scene.cup.max_force
         if math.isfinite(least):
             yield Rejection.measured("balance", TOO_WEAK, where, pull + least, pull, "N")

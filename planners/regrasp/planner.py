@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.cell.hand import Gripper
 from planners.geometry.pose import Transform, rotation_z, transform
 from planners.graph.rejections import Rejection, Rejections
 from planners.plan.segment import SegmentKind
@@ -142,7 +141,7 @@ class SuctionToolPlanner:
             reason = Rejection("start", f"{clash[0]} and {clash[1]} touch at the start")
             return f"The start is not free: {clash[0]} touches {clash[1]}.", (reason,)
         if to_move and not len(self.handovers.grasps):
-            opening = max(arm.hand.width_max for arm in self.scene.cell.arms.values() if isinstance(arm.hand, Gripper))
+            opening = max(self.scene.cell.gripper(arm).width_max for arm in self.scene.cell.gripper_arms)
             fingers = f"for fingers that open {1e3 * opening:.0f} mm"
             reason = Rejection("grasp", f"no grasp of the tool was found that is free of collision, {fingers}")
             return f"No grasp of the tool was found {fingers}.", (reason,)

@@ -123,7 +123,9 @@ class CellStore:
         cell_id = _id_of(bundle.digest, owner)
         known = self.get(cell_id)
         if known is not None:
-            again = {"deleted_us": None, "created_us": now_us(), "zip": bundle.zip()}
+            # Of one that was deleted, nothing but its version may be left.
+            files = {"zip": bundle.zip()} if known.deleted else {}
+            again = {"deleted_us": None, "created_us": now_us(), **files}
             if self._database.write(sa.update(CELLS).where(CELLS.c.id == cell_id).values(again)):
                 return self._there(cell_id), known.deleted
             # What was left of it has just been forgotten.

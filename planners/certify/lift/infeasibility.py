@@ -13,7 +13,6 @@ import math
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.certify.common.infeasibility import (
     Bound,
@@ -69,29 +68,27 @@ def face_distances(shape: BodyShape, friction: float) -> tuple[float, float]:
     of friction can be held, at the nearest where they are nearest; from 45 degrees on any two that meet.
     """
     (prism,) = shape.parts
-    sides = [prism.vertices[_on(plane, prism.vertices), :2] for plane in prism.planes if abs(plane[2]) < 0.5]
-    normals = [plane[:2] for plane in prism.planes if abs(plane[2]) < 0.5]
+    planes = [plane for plane in prism.planes if abs(plane[2]) < 0.5]
+    sides = [_ends(plane, prism.vertices) for plane in planes]
     most = 2.0 * math.atan(friction)
     gaps = [
         min(_gap(one, other), _gap(other, one))
-        for (n, one), (m, other) in itertools.combinations(zip(normals, sides, strict=True), 2)
-        if math.acos(np.clip(-float(n @ m), -1.0, 1.0)) <= most
+        for (plane, one), (opposite, other) in itertools.combinations(zip(planes, sides, strict=True), 2)
+        if math.acos(np.clip(-float(plane[:2] @ opposite[:2]), -1.0, 1.0)) <= most
     ]
     return float(np.ptp(shape.vertices[:, 2])), min(gaps, default=math.inf)
 
 
-def _on(plane: Array, vertices: Array) -> NDArray[np.bool_]:
+def _ends(plane: Array, vertices: Array) -> Array:
+    """Return the ends (2, 2) of a side seen from above."""
     along = vertices @ plane[:3]
-    return along > along.max() - _ON_FACE
+    points = vertices[along > along.max() - _ON_FACE, :2]
+    beside = points @ [-plane[1], plane[0]]
+    return points[[np.argmin(beside), np.argmax(beside)]]
 
 
 def _gap(side: Array, other: Array) -> float:
-    """Return how near the corners of a side (n, 2) come to another side (m, 2), a straight one [m]."""
-    begin, end = other[np.argmin(other @ _along(other))], other[np.argmax(other @ _along(other))]
-    share = np.clip((side - begin) @ (end - begin) / ((end - begin) @ (end - begin)), 0.0, 1.0)
-    return float(np.linalg.norm(side - begin - share[:, None] * (end - begin), axis=1).min())
-
-
-def _along(side: Array) -> Array:
-    far = side[np.argmax(np.linalg.norm(side - side[0], axis=1))]
-    return far - side[0]
+    """Return how near the ends of a side (2, 2) come to another side (2, 2) [m]."""
+    begin, way = other[0], other[1] - other[0]
+    share = np.clip((side - begin) @ way / (way @ way), 0.0, 1.0)
+    return float(np.linalg.norm(side - begin - share[:, None] * way, axis=1).min())

@@ -89,8 +89,5 @@ def _key(contact_set: BodyContacts, beyond: Iterable[int]) -> bytes:
     bearing, loads = contact_set.bearing, contact_set.inertia
     numbers = [R[2], *(np.concatenate([R.T @ (c.point - p), R.T @ c.normal]) for c in bearing)]
     numbers += [np.concatenate([R.T @ (c.point - p), R.T @ c.force, R.T @ c.torque]) for c in loads]
-    squeezes = (getattr(c, "squeeze", None) for c in bearing)
-    kinds = ",".join(
-        [*(f"{c.by} {c.kind} {squeeze}" for c, squeeze in zip(bearing, squeezes, strict=True)), *map(str, beyond)]
-    )
-    return kinds.encode() + np.round(np.concatenate(numbers), 9).tobytes()
+    kinds = [*(f"{c.by} {c.kind} {getattr(c, 'squeeze', None)}" for c in bearing), *map(str, beyond)]
+    return ",".join(kinds).encode() + np.round(np.concatenate(numbers), 9).tobytes()
